@@ -1,0 +1,1 @@
+"""The words everybody shares: values, stimuli, interfaces, files, the bench and the run."""

@@ -1,0 +1,1 @@
+"""Real instruments, spoken to over VISA, serial lines and USB."""

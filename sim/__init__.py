@@ -1,0 +1,1 @@
+"""Physics, and instruments made of it."""
