@@ -1,0 +1,278 @@
+"""The bench: one generator, one receiver, and the cut between them.
+
+`Bench.measure` is the only way across the cut: arming order, triggers, time-outs, repeats and the
+interlock live here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from belahil import config as configuration
+from belahil.clock import SystemClock
+from belahil.errors import InterlockRefused, LimitExceeded, LinkClosed, LinkError, RefusedInput, StaleData
+from belahil.generators import SOURCE_OHM, open_circuit
+from belahil.stimuli import SampledPulse, Stimulus, TransmittedPulse, largest_volts, scaled
+from belahil.values import Shot, Trigger, WindowRequest
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from belahil.config import BenchConfig
+    from belahil.generators import GeneratorModel
+    from belahil.interfaces import Clock, Digitizer, FunctionGenerator
+    from belahil.receiver import DigitizerSpec
+
+ATTEMPTS = 3
+READ_TIMEOUT_S = 2.0
+
+
+@dataclass(frozen=True)
+class Endpoints:
+    """What a vendor library needs to reach an emulated device; empty for hardware.
+
+    Parameters
+    ----------
+    visa_library : object or None
+        A PyVISA library instance; None lets PyVISA choose by the bench file.
+    visa_address : str
+        Resource name of the generator in that library; empty: the bench file's.
+    serial_url : str
+        What pyserial opens; empty: the bench file's.
+    usb_backend : object or None
+        A pyusb backend; None lets pyusb choose.
+    usb_id : tuple of int
+        Vendor and product number on that backend.
+    clock : Clock
+        Time of this bench.
+    """
+
+    visa_library: Any = None
+    visa_address: str = ""
+    serial_url: str = ""
+    usb_backend: Any = None
+    usb_id: tuple[int, int] = (0, 0)
+    clock: Clock = field(default_factory=SystemClock)
+
+
+class Bench:
+    """A generator and a digitizer that meet at the cut.
+
+    Parameters
+    ----------
+    generator : FunctionGenerator
+        Its output is switched off before anything else.
+    digitizer : Digitizer
+        The receiver under test.
+    config : BenchConfig
+        Attenuation, load, interlock, triggering; `[emulation]` is not read here.
+    clock : Clock
+        For settling.
+
+    Notes
+    -----
+    Use it as a context manager: the output is off on every way out.
+    """
+
+    def __init__(
+        self, generator: FunctionGenerator, digitizer: Digitizer, config: BenchConfig, clock: Clock
+    ) -> None:
+        self._generator = generator
+        self._digitizer = digitizer
+        self._clock = clock
+        self._prepared: tuple[Stimulus, Trigger] | None = None
+        self._played: Stimulus | None = None
+        self.config = config
+        generator.output(False)
+
+    @property
+    def source(self) -> str:
+        """``simulated``, ``emulated`` or ``hardware``: for labels only, never to branch on."""
+        return self.config.source
+
+    @property
+    def spec(self) -> DigitizerSpec:
+        """What the receiver reports of its converters."""
+        return self._digitizer.spec
+
+    @property
+    def generator_model(self) -> GeneratorModel:
+        """Limits of the generator that answered."""
+        return self._generator.limits
+
+    @property
+    def identities(self) -> dict[str, str]:
+        """Who answered."""
+        return {"generator": self._generator.identity, "digitizer": self._digitizer.identity}
+
+    @property
+    def setting_per_cut_volt(self) -> float:
+        """Generator setting, V into its load setting, that gives 1 V at the cut.
+
+        The attenuator is a matched 50-ohm pad: cut voltage = V_open 10**(-dB/20) R_in / (50 + R_in).
+        """
+        part = self.config.generator
+        input_ohm = self.config.digitizer.input_ohm
+        divider = 1.0 if input_ohm == float("inf") else input_ohm / (SOURCE_OHM + input_ohm)
+        return 10 ** (part.attenuation_db / 20) / (divider * open_circuit(part.load_ohm))
+
+    def check(self, stimulus: Stimulus, request: WindowRequest) -> None:
+        """Refuse what the interlock, the generator or the receiver would refuse, before anything is sent.
+
+        Raises
+        ------
+        InterlockRefused, LimitExceeded
+            One line with what was asked and what is allowed.
+        """
+        from belahil.generators import on_grid
+
+        self._interlock(stimulus)
+        part = self.config.generator
+        on_grid(scaled(stimulus, self.setting_per_cut_volt), self.generator_model, part.load_ohm)
+        spec = self.spec
+        if (
+            request.gain_code is not None
+            and spec.gain_codes is not None
+            and request.gain_code not in spec.gain_codes
+        ):
+            raise LimitExceeded(f"gain code {request.gain_code}: the receiver has {_span(spec.gain_codes)}")
+        if not 0 < request.sample_count <= spec.max_sample_count:
+            raise LimitExceeded(
+                f"a window of {request.sample_count} samples: the receiver takes 1 to {spec.max_sample_count}"
+            )
+
+    def _interlock(self, stimulus: Stimulus) -> None:
+        limit = self.config.generator.max_vpp
+        if 2 * largest_volts(stimulus) > limit * (1 + 1e-9):
+            raise InterlockRefused(
+                f"a stimulus of up to {largest_volts(stimulus):.4g} V at the cut, offset included: "
+                f"[generator] max_vpp = {limit:g} allows {limit / 2:.4g} V"
+            )
+
+    def measure(self, stimulus: Stimulus, request: WindowRequest) -> Shot:
+        """Play a stimulus and return the window it gave.
+
+        Parameters
+        ----------
+        stimulus : Stimulus
+            In volts at the cut.
+        request : WindowRequest
+            Its `trigger` is filled in here.
+
+        Raises
+        ------
+        InterlockRefused, LimitExceeded
+            Refused; nothing was sent.
+        InstrumentError
+            The instruments failed three times, or one refused or is gone.
+        """
+        self.check(stimulus, request)
+        trigger = self._trigger_for(stimulus)
+        request = replace(request, trigger=trigger)
+        attempt = 1
+        while True:
+            try:
+                return self._try(stimulus, request, attempt)
+            except LinkClosed:
+                self._prepared = None
+                raise
+            except LinkError:
+                self._prepared = None
+                if attempt >= ATTEMPTS:
+                    raise
+                attempt += 1
+
+    def _trigger_for(self, stimulus: Stimulus) -> Trigger:
+        if isinstance(stimulus, TransmittedPulse):
+            return "digitizer"
+        return self.config.bench.trigger if isinstance(stimulus, SampledPulse) else "immediate"
+
+    def _try(self, stimulus: Stimulus, request: WindowRequest, attempt: int) -> Shot:
+        if self._prepared != (stimulus, request.trigger):
+            self._prepare(stimulus, request.trigger)
+        assert self._played is not None
+        self._digitizer.arm(request)
+        if request.trigger == "generator":
+            self._generator.trigger()
+        window = self._digitizer.read(READ_TIMEOUT_S + request.delay_s)
+        if window.shot != request.shot:
+            raise StaleData(
+                f"asked for shot {request.shot}, the window that came belongs to shot {window.shot}"
+            )
+        return Shot(self._played, window, datetime.now(UTC).isoformat(timespec="milliseconds"), attempt)
+
+    def _prepare(self, stimulus: Stimulus, trigger: Trigger) -> None:
+        factor = self.setting_per_cut_volt
+        self._prepared = None
+        played = scaled(self._generator.prepare(scaled(stimulus, factor), trigger), 1 / factor)
+        self._interlock(played)
+        self._generator.output(True)
+        self._clock.sleep_s(self.config.bench.settle_s)
+        self._played, self._prepared = played, (stimulus, trigger)
+
+    def close(self) -> None:
+        """Switch the output off and let go of both instruments."""
+        try:
+            self._generator.close()
+        finally:
+            self._digitizer.close()
+
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _span(codes: tuple[int, ...]) -> str:
+    if codes == tuple(range(codes[0], codes[-1] + 1)):
+        return f"gain codes {codes[0]} to {codes[-1]}"
+    return "gain codes " + ", ".join(map(str, codes))
+
+
+def open_bench(bench: str | BenchConfig = "emulated", *, seed: int | None = None) -> Bench:
+    """Open a bench by name, by file or by its configuration.
+
+    Parameters
+    ----------
+    bench : str or BenchConfig
+        ``"emulated"``, ``"simulated"``, the path of a bench file, or a configuration.
+    seed : int or None
+        Replaces ``[emulation] seed``.
+
+    Returns
+    -------
+    Bench
+        With its output off.
+
+    Raises
+    ------
+    ConfigError
+        The file or the combination is not allowed.
+    InstrumentError
+        Nobody answers, or somebody unknown does.
+    """
+    config = bench if isinstance(bench, configuration.BenchConfig) else configuration.load_bench(bench)
+    configuration.check_bench(config)
+    if seed is not None:
+        if seed < 0:
+            raise RefusedInput(f"--seed {seed}: must not be negative")
+        config = msgspec.structs.replace(
+            config, emulation=msgspec.structs.replace(config.emulation, seed=seed)
+        )
+    # By name: belahil imports neither drivers nor sim, and a bench loads only what it needs.
+    if config.source == "simulated":
+        made: Bench = importlib.import_module("sim.build").bench(config)
+        return made
+    endpoints = (
+        importlib.import_module("sim.build").endpoints(config) if config.source == "emulated" else Endpoints()
+    )
+    opened: Bench = importlib.import_module("drivers.build").bench(config, endpoints)
+    return opened

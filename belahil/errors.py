@@ -1,0 +1,90 @@
+"""The error tree, and when to use which.
+
+Every message is one line: what was asked, what came back, what is allowed. The class says whose move is
+next, and ``exit_status`` is what the command line returns for it.
+
+==================  ======  =====================================================================
+class               status  use it when
+==================  ======  =====================================================================
+RefusedInput        2       the user asked for something that is not allowed; nothing was done
+InstrumentError     3       an instrument or a link failed; measured data are kept
+StorageError        4       our own files could not be written or read back
+==================  ======  =====================================================================
+"""
+
+from __future__ import annotations
+
+
+class BelahilError(Exception):
+    """Root of all errors that belahil raises on purpose."""
+
+    exit_status = 70
+
+
+class RefusedInput(BelahilError):
+    """A request that was refused before anything was sent or played."""
+
+    exit_status = 2
+
+
+class ConfigError(RefusedInput):
+    """A bench or scene file with an unknown key, a wrong type or an impossible value."""
+
+
+class InterlockRefused(RefusedInput):
+    """A stimulus whose voltage at the cut would exceed ``max_vpp / 2``."""
+
+
+class LimitExceeded(RefusedInput):
+    """A stimulus or window that the named instrument cannot make."""
+
+
+class InstrumentError(BelahilError):
+    """An instrument or its link failed."""
+
+    exit_status = 3
+
+
+class InstrumentRefused(InstrumentError):
+    """An instrument answered, and said no.
+
+    Parameters
+    ----------
+    message : str
+        One line for the user.
+    reason : int
+        The instrument's own number for its reason (SCPI error number, GRM refusal code).
+    """
+
+    def __init__(self, message: str, reason: int = 0) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+class LinkError(InstrumentError):
+    """The link to an instrument gave no proof that an answer belongs to its question.
+
+    The bench may repeat a measurement after any of these except `LinkClosed`.
+    """
+
+
+class LinkTimeout(LinkError, TimeoutError):
+    """Nothing, or not enough, arrived before the deadline."""
+
+
+class CorruptData(LinkError):
+    """Something arrived that fails its checksum, its count or its read-back."""
+
+
+class StaleData(LinkError):
+    """Something valid arrived that answers an older question."""
+
+
+class LinkClosed(LinkError, ConnectionError):
+    """The other end is gone; repeating cannot help."""
+
+
+class StorageError(BelahilError):
+    """A run folder could not be created, written, or read back intact."""
+
+    exit_status = 4

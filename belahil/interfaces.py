@@ -1,0 +1,134 @@
+"""The few verbs that drivers, simulated instruments and emulated devices share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from belahil.generators import GeneratorModel
+    from belahil.receiver import DigitizerSpec
+    from belahil.stimuli import Stimulus
+    from belahil.values import RangeWindow, WindowRequest
+
+
+class FunctionGenerator(Protocol):
+    """Plays a stimulus; all volts are volts into its ``load_ohm`` setting."""
+
+    @property
+    def identity(self) -> str:
+        """Answer of the instrument to who it is."""
+        ...
+
+    @property
+    def limits(self) -> GeneratorModel:
+        """Limits and grids of the model in `identity`."""
+        ...
+
+    def prepare(self, stimulus: Stimulus, trigger: str) -> Stimulus:
+        """Load a stimulus and return what will really be played.
+
+        Parameters
+        ----------
+        stimulus : Stimulus
+            In volts into the load setting.
+        trigger : {"immediate", "generator", "digitizer"}
+            Who will start it: it runs freely, our `trigger`, or the external input.
+
+        Raises
+        ------
+        LimitExceeded
+            The model cannot make it; nothing was changed.
+        InstrumentError
+            The instrument failed or refused.
+        """
+        ...
+
+    def output(self, on: bool) -> None:
+        """Connect or disconnect the output."""
+        ...
+
+    def trigger(self) -> None:
+        """Start a stimulus that was prepared with ``trigger="generator"``."""
+        ...
+
+    def close(self) -> None:
+        """Switch the output off and let go of the link; never raises for a dead link."""
+        ...
+
+
+class Digitizer(Protocol):
+    """Digitizes one window at a time."""
+
+    @property
+    def identity(self) -> str:
+        """Answer of the instrument to who it is."""
+        ...
+
+    @property
+    def spec(self) -> DigitizerSpec:
+        """What the instrument reports of itself."""
+        ...
+
+    def arm(self, request: WindowRequest) -> None:
+        """Ask for one window; returns when the instrument has accepted.
+
+        Raises
+        ------
+        InstrumentRefused
+            With the instrument's reason.
+        LinkError
+            No proof that the request arrived.
+        """
+        ...
+
+    def read(self, timeout_s: float) -> RangeWindow:
+        """Return the window of the last `arm`, proved by its shot index.
+
+        Raises
+        ------
+        LinkTimeout, CorruptData, StaleData, LinkClosed
+            Never a wrong window.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the link; never raises for a dead link."""
+        ...
+
+
+class Link(Protocol):
+    """Bytes both ways."""
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`, or raise `LinkError`."""
+        ...
+
+    def read(self, count: int, timeout_s: float) -> bytes:
+        """Return up to `count` bytes; empty when none came in time.
+
+        Raises
+        ------
+        LinkClosed
+            The other end is gone.
+        """
+        ...
+
+    def clear(self) -> None:
+        """Drop what is on its way in both directions."""
+        ...
+
+    def close(self) -> None:
+        """Let go."""
+        ...
+
+
+class Clock(Protocol):
+    """Time for deadlines and settling; emulated benches advance it without sleeping."""
+
+    def now_s(self) -> float:
+        """Monotonic time, s."""
+        ...
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Wait."""
+        ...

@@ -1,0 +1,175 @@
+"""The bench: one way across the cut, with its interlock, repeats and proof of identity."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from belahil.bench import Bench
+from belahil.config import BenchConfig, BenchTable, DigitizerTable, GeneratorTable
+from belahil.errors import InterlockRefused, LimitExceeded, LinkClosed, LinkTimeout, StaleData
+from belahil.generators import MODELS, GeneratorModel, on_grid
+from belahil.receiver import BELA_GRM, DigitizerSpec
+from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus
+from belahil.values import RangeWindow, WindowRequest
+
+
+class Recorder:
+    """A generator and a digitizer that write down what they are asked."""
+
+    identity = "recorder"
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+        self.failures: list[Exception] = []
+        self.shot_offset = 0
+        self._request: WindowRequest | None = None
+
+    limits: GeneratorModel = MODELS["33522B"]
+    spec: DigitizerSpec = BELA_GRM.digitizer
+
+    def prepare(self, stimulus: Stimulus, trigger: str) -> Stimulus:
+        self.calls.append(f"prepare {type(stimulus).__name__} {trigger}")
+        return on_grid(stimulus, self.limits)
+
+    def output(self, on: bool) -> None:
+        self.calls.append(f"output {on}")
+
+    def trigger(self) -> None:
+        self.calls.append("trigger")
+
+    def arm(self, request: WindowRequest) -> None:
+        self.calls.append(f"arm {request.shot} {request.trigger}")
+        self._request = request
+
+    def read(self, timeout_s: float) -> RangeWindow:
+        self.calls.append("read")
+        if self.failures:
+            raise self.failures.pop(0)
+        assert self._request is not None
+        counts = np.zeros(self._request.sample_count, np.int16)
+        return RangeWindow(counts, 1e-3, 0, 12.5e-9, 0.0, 4, self._request.shot + self.shot_offset)
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+    def now_s(self) -> float:
+        return 0.0
+
+    def sleep_s(self, duration_s: float) -> None:
+        self.calls.append(f"sleep {duration_s}")
+
+
+def _bench(**generator: float) -> tuple[Bench, Recorder]:
+    recorder = Recorder()
+    config = BenchConfig(bench=BenchTable(settle_s=0.5), generator=GeneratorTable(**generator))
+    return Bench(recorder, recorder, config, recorder), recorder
+
+
+def test_the_order_of_a_pulse_is_arm_then_trigger() -> None:
+    # given a bench
+    bench, recorder = _bench()
+    # when a pulse is measured twice
+    pulse = SampledPulse(np.array([0.0, 0.01, 0.0]), 80e6)
+    bench.measure(pulse, WindowRequest(shot=0))
+    bench.measure(pulse, WindowRequest(shot=1))
+    # then the output was off at first, the digitizer is armed before the trigger, and nothing is sent twice
+    assert recorder.calls == [
+        "output False",
+        "prepare SampledPulse generator",
+        "output True",
+        "sleep 0.5",
+        "arm 0 generator",
+        "trigger",
+        "read",
+        "arm 1 generator",
+        "trigger",
+        "read",
+    ]
+
+
+def test_a_lost_window_is_asked_again_and_counted() -> None:
+    bench, recorder = _bench()
+    recorder.failures = [LinkTimeout("late"), StaleData("old")]
+    assert bench.measure(NoSignal(), WindowRequest(shot=3)).attempt == 3
+    recorder.failures = [LinkTimeout("1"), LinkTimeout("2"), LinkTimeout("3")]
+    with pytest.raises(LinkTimeout, match="3"):
+        bench.measure(NoSignal(), WindowRequest(shot=4))
+
+
+def test_a_closed_link_is_not_tried_again() -> None:
+    bench, recorder = _bench()
+    recorder.failures = [LinkClosed("gone")]
+    with pytest.raises(LinkClosed):
+        bench.measure(NoSignal(), WindowRequest(shot=0))
+    assert recorder.calls.count("read") == 1
+
+
+def test_a_window_of_another_shot_is_never_returned() -> None:
+    bench, recorder = _bench()
+    recorder.shot_offset = 1
+    with pytest.raises(StaleData, match="asked for shot 5, the window that came belongs to shot 6"):
+        bench.measure(NoSignal(), WindowRequest(shot=5))
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "request_", "error", "said"),
+    [
+        (Sine(1e6, 0.4, 0.1), WindowRequest(0), InterlockRefused, "max_vpp = 0.5 allows 0.25 V"),
+        (Sine(1e6, 0.6), WindowRequest(0), InterlockRefused, "up to 0.3 V at the cut"),
+        (Sine(40e6, 0.1), WindowRequest(0), LimitExceeded, "33522B makes"),
+        (
+            NoSignal(),
+            WindowRequest(0, gain_code=16),
+            LimitExceeded,
+            "gain code 16: the receiver has gain codes 0 to 15",
+        ),
+        (NoSignal(), WindowRequest(0, sample_count=20000), LimitExceeded, "takes 1 to 16064"),
+    ],
+)
+def test_what_is_not_allowed_is_refused_before_anything_is_sent(
+    stimulus: Stimulus, request_: WindowRequest, error: type[Exception], said: str
+) -> None:
+    bench, recorder = _bench()
+    with pytest.raises(error) as caught:
+        bench.measure(stimulus, request_)
+    assert said in str(caught.value)
+    assert recorder.calls == ["output False"]
+
+
+@pytest.mark.parametrize(
+    ("load_ohm", "input_ohm", "attenuation_db", "expected"),
+    [
+        (50.0, 50.0, 0.0, 1.0),
+        (float("inf"), 50.0, 0.0, 2.0),
+        (50.0, float("inf"), 0.0, 0.5),
+        (50.0, 50.0, 20.0, 10.0),
+    ],
+)
+def test_volts_at_the_cut_become_a_setting(
+    load_ohm: float, input_ohm: float, attenuation_db: float, expected: float
+) -> None:
+    bench, _ = _bench(load_ohm=load_ohm, attenuation_db=attenuation_db)
+    bench.config = msgspec.structs.replace(bench.config, digitizer=DigitizerTable(input_ohm=input_ohm))
+    assert bench.setting_per_cut_volt == pytest.approx(expected, rel=1e-12)
+    # and what comes back is in volts at the cut again
+    shot = bench.measure(Sine(1e6, 0.05), WindowRequest(0))
+    assert isinstance(shot.played, Sine)
+    assert shot.played.amplitude_vpp == pytest.approx(0.05, rel=1e-3)
+
+
+def test_the_output_is_off_on_every_way_out() -> None:
+    bench, recorder = _bench()
+    with pytest.raises(ZeroDivisionError), bench:
+        raise ZeroDivisionError
+    assert recorder.calls[-2:] == ["close", "close"]
+
+
+def test_a_request_is_not_changed_by_being_measured() -> None:
+    bench, _ = _bench()
+    request = WindowRequest(shot=0)
+    bench.measure(NoSignal(), request)
+    assert request == replace(request)
