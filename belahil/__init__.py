@@ -1,1 +1,1 @@
-"""The words everybody shares: values, stimuli, interfaces, files, the bench and the run."""
+"""A room of belahil: the words that all rooms share (values, stimuli, interfaces, files, bench, run)."""

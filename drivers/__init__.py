@@ -1,1 +1,1 @@
-"""Real instruments, spoken to over VISA, serial lines and USB."""
+"""A room of belahil: real instruments, spoken to over VISA, serial lines and USB."""

@@ -1,1 +1,1 @@
-"""One question about a receiver per module."""
+"""A room of belahil: procedures, one question about a receiver per module."""

@@ -1,1 +1,1 @@
-"""Physics, and instruments made of it."""
+"""A room of belahil: physics, and instruments made of it."""
