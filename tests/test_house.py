@@ -150,7 +150,8 @@ def small_house(tmp_path: Path) -> Path:
 
 def start(house: Path, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     folder.mkdir(exist_ok=True)
-    return run(["-m", "belahil"], folder, PYTHONPATH=str(house), **environment)
+    # -S: no installed packages, among them an editable belahil
+    return run(["-S", "-m", "belahil"], folder, PYTHONPATH=str(house), **environment)
 
 
 @pytest.mark.parametrize("name", ["drivers", "sim", "procedures"])
