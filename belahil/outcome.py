@@ -1,0 +1,96 @@
+"""What a procedure hands over when it has analysed its shots; the run folder is made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from belahil.values import Estimate
+
+    Column = tuple[NDArray[Any], str, str]
+    """Array of shape (n,), its SI unit, and what it is in a few words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of results, one row for each value of one dimension.
+
+    Parameters
+    ----------
+    columns : mapping of str to (ndarray of shape (n,), unit, long_name)
+        Floats, integers, or strings (a status); a masked array where a value is missing. The column that is
+        named like the dimension becomes its coordinate.
+    dimension : str
+        Name of the rows in the data file.
+
+    Raises
+    ------
+    ValueError
+        Columns of different lengths.
+    """
+
+    columns: Mapping[str, Column]
+    dimension: str
+
+    def __post_init__(self) -> None:
+        shapes = {name: column[0].shape for name, column in self.columns.items()}
+        if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) != 1:
+            raise ValueError(f"columns of one table need one row count; these have the shapes {shapes}")
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetLine:
+    """One contribution to the uncertainty of one result.
+
+    Parameters
+    ----------
+    quantity : str
+        The result, for example ``gain, code 4``.
+    source : str
+        Where the contribution comes from, for example ``[generator] uncertainty.amplitude_relative``.
+    value : float
+        Standard uncertainty that this source alone would give, in `unit`.
+    unit : str
+        SI unit of the result.
+    share : float
+        Part of the combined variance, 0 to 1.
+    """
+
+    quantity: str
+    source: str
+    value: float
+    unit: str
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Results, tables, figures and budget of a procedure.
+
+    Parameters
+    ----------
+    results : dict
+        Ready for JSON, as ``summary.json`` shows them; nothing in it depends on link, time or path.
+    tables : mapping of str to Table
+        For the data file.
+    figures : mapping of str to callable
+        Each call draws one figure; the key names its files. Its label (``Figure.set_label``) is its caption.
+    budget : sequence of BudgetLine
+        Largest first within one quantity.
+    notes : sequence of str
+        Sentences for the report: conditions, and what is not modelled.
+    verdict_values : mapping of str to sequence of (label, Estimate or None)
+        For each key of ``[limits]`` what is compared with it; None where nothing was measured.
+    """
+
+    results: dict[str, Any]
+    tables: Mapping[str, Table] = field(default_factory=dict)
+    figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
+    budget: Sequence[BudgetLine] = ()
+    notes: Sequence[str] = ()
+    verdict_values: Mapping[str, Sequence[tuple[str, Estimate | None]]] = field(default_factory=dict)
