@@ -8,7 +8,10 @@ import pkgutil
 import re
 from pathlib import Path
 
+import msgspec
 import pytest
+
+from belahil import config
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("belahil", "drivers", "sim", "procedures")
@@ -39,3 +42,43 @@ def test_links_lead_somewhere(document: Path) -> None:
     targets = [target.split("#")[0] for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target]
 
     assert [target for target in targets if target and not (document.parent / target).exists()] == []
+
+
+def toml_blocks(document: Path) -> list[str]:
+    return re.findall(r"^```toml\n(.*?)^```", document.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def bench_file_of_the_architecture() -> str:
+    (text,) = [block for block in toml_blocks(ROOT / "docs/architecture.md") if block.startswith("[bench]")]
+    return text
+
+
+def test_the_bench_file_of_the_architecture_shows_the_defaults() -> None:
+    shown, default = config.parse_bench(bench_file_of_the_architecture()), config.emulated()
+
+    assert config.receiver_truth(shown) == config.receiver_truth(default)
+    same_receiver = msgspec.structs.replace(shown.emulation, receiver=default.emulation.receiver)
+    assert msgspec.structs.replace(shown, emulation=same_receiver) == default
+
+
+def test_the_bench_file_of_the_architecture_names_every_key() -> None:
+    def keys(table: msgspec.Struct) -> list[str]:
+        values = [(name, getattr(table, name)) for name in table.__struct_fields__]
+        return [
+            key
+            for name, value in values
+            for key in [name, *(keys(value) if isinstance(value, msgspec.Struct) else [])]
+        ]
+
+    text = bench_file_of_the_architecture()
+
+    assert [key for key in keys(config.emulated()) if key != "limits" and key not in text] == []
+
+
+def test_the_bench_file_of_the_readme_is_accepted() -> None:
+    (text,) = toml_blocks(ROOT / "README.md")
+
+    bench = config.parse_bench(text)
+
+    assert bench.source == "hardware"
+    assert bench.limits == config.LimitsTable(cutoff_hz=(18.0e6, 20.0e6))
