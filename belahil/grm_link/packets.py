@@ -1,0 +1,184 @@
+"""CCSDS space packets with PUS-shaped secondary headers.
+
+Layout after CCSDS 133.0-B-2 (space packet), ECSS-E-ST-70-41C (PUS-C secondary headers) and
+CCSDS 301.0-B-4 (unsegmented time code, 4 octets of seconds and 3 of fraction, no preamble).
+"""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc_hqx
+from dataclasses import dataclass
+from typing import ClassVar
+
+from belahil.errors import CorruptData
+
+APID = 0x064
+MAX_PACKET_BYTES = 16384
+SEQUENCE_COUNTS = 1 << 14
+
+# Values of the CCSDS sequence flags.
+CONTINUATION, FIRST, LAST, UNSEGMENTED = range(4)
+
+_PRIMARY = struct.Struct(">HHH")
+_TELECOMMAND = struct.Struct(">HHHBBBH")
+_TELEMETRY = struct.Struct(">HHHBBBHHIHB")
+_CRC_BYTES = 2
+_PUS_C = 2
+_ACKNOWLEDGE_ACCEPTANCE = 1
+TELEMETRY_OVERHEAD_BYTES = _TELEMETRY.size + _CRC_BYTES
+STATED_WITHIN = _PRIMARY.size
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/IBM-3740: polynomial 0x1021, start 0xFFFF, not reflected; 0 over data and its own CRC."""
+    return crc_hqx(data, 0xFFFF)
+
+
+@dataclass(frozen=True, slots=True)
+class Telecommand:
+    """A packet from the client to the receiver; always unsegmented.
+
+    Parameters
+    ----------
+    service, subtype : int
+        What is asked, 0 to 255 each.
+    sequence_count : int
+        0 to 16383; the answer carries it back within its request number.
+    data : bytes
+        Application data.
+    """
+
+    PACKET_ID: ClassVar[int] = 0x1800 | APID
+
+    service: int
+    subtype: int
+    sequence_count: int
+    data: bytes = b""
+
+    @property
+    def request_id(self) -> int:
+        """First four octets of the packet, by which answers refer to it."""
+        return self.PACKET_ID << 16 | UNSEGMENTED << 14 | self.sequence_count
+
+    def pack(self) -> bytes:
+        """Return the whole packet."""
+        head = _TELECOMMAND.pack(
+            self.PACKET_ID,
+            UNSEGMENTED << 14 | self.sequence_count,
+            _data_length(_TELECOMMAND, self.data),
+            _PUS_C << 4 | _ACKNOWLEDGE_ACCEPTANCE,
+            self.service,
+            self.subtype,
+            0,
+        )
+        return _closed(head + self.data)
+
+    @classmethod
+    def unpack(cls, packet: bytes) -> Telecommand:
+        """Read one whole packet.
+
+        Raises
+        ------
+        CorruptData
+            Not a telecommand of this link, or damaged.
+        """
+        _check(packet, cls.PACKET_ID, _TELECOMMAND)
+        _, sequence, _, version, service, subtype, _ = _TELECOMMAND.unpack_from(packet)
+        if sequence >> 14 != UNSEGMENTED or version >> 4 != _PUS_C:
+            raise CorruptData("telecommand is segmented or not of PUS version 2")
+        return cls(service, subtype, sequence & 0x3FFF, packet[_TELECOMMAND.size : -_CRC_BYTES])
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """A packet from the receiver to the client.
+
+    Parameters
+    ----------
+    service, subtype : int
+        What is reported, 0 to 255 each.
+    sequence_count : int
+        0 to 16383, counts all telemetry of the receiver.
+    data : bytes
+        Source data.
+    grouping : int
+        CCSDS sequence flags: 0 continuation, 1 first, 2 last, 3 unsegmented.
+    time_s : float
+        The receiver's own time, 0 to 2**32 s, cut to 2**-24 s; 0 where it keeps none.
+    """
+
+    PACKET_ID: ClassVar[int] = 0x0800 | APID
+
+    service: int
+    subtype: int
+    sequence_count: int
+    data: bytes = b""
+    grouping: int = UNSEGMENTED
+    time_s: float = 0.0
+
+    def pack(self) -> bytes:
+        """Return the whole packet."""
+        seconds, fraction = divmod(int(self.time_s * (1 << 24)), 1 << 24)
+        head = _TELEMETRY.pack(
+            self.PACKET_ID,
+            self.grouping << 14 | self.sequence_count,
+            _data_length(_TELEMETRY, self.data),
+            _PUS_C << 4,
+            self.service,
+            self.subtype,
+            0,
+            0,
+            seconds & 0xFFFFFFFF,
+            fraction >> 8,
+            fraction & 0xFF,
+        )
+        return _closed(head + self.data)
+
+    @classmethod
+    def unpack(cls, packet: bytes) -> Telemetry:
+        """Read one whole packet.
+
+        Raises
+        ------
+        CorruptData
+            Not telemetry of this link, or damaged.
+        """
+        _check(packet, cls.PACKET_ID, _TELEMETRY)
+        _, sequence, _, version, service, subtype, _, _, seconds, high, low = _TELEMETRY.unpack_from(packet)
+        if version >> 4 != _PUS_C:
+            raise CorruptData(f"telemetry of PUS version {version >> 4}, not 2")
+        return cls(
+            service,
+            subtype,
+            sequence & 0x3FFF,
+            packet[_TELEMETRY.size : -_CRC_BYTES],
+            sequence >> 14,
+            seconds + (high << 8 | low) / (1 << 24),
+        )
+
+
+def stated_bytes(packet: bytes | bytearray) -> int:
+    """Length of the packet that begins here, as its first `STATED_WITHIN` octets state it."""
+    return int.from_bytes(packet[4:6], "big") + _PRIMARY.size + 1
+
+
+def _data_length(head: struct.Struct, data: bytes) -> int:
+    return head.size + len(data) + _CRC_BYTES - _PRIMARY.size - 1
+
+
+def _closed(packet: bytes) -> bytes:
+    if len(packet) + _CRC_BYTES > MAX_PACKET_BYTES:
+        raise ValueError(f"a packet of {len(packet) + _CRC_BYTES} octets; at most {MAX_PACKET_BYTES}")
+    return packet + crc16(packet).to_bytes(_CRC_BYTES, "big")
+
+
+def _check(packet: bytes, packet_id: int, head: struct.Struct) -> None:
+    if not head.size + _CRC_BYTES <= len(packet) <= MAX_PACKET_BYTES:
+        raise CorruptData(f"packet of {len(packet)} octets; {head.size + _CRC_BYTES} to {MAX_PACKET_BYTES}")
+    if int.from_bytes(packet[:2], "big") != packet_id:
+        raise CorruptData(f"packet identification 0x{packet[:2].hex()}, expected 0x{packet_id:04x}")
+    if stated_bytes(packet) != len(packet):
+        raise CorruptData(f"packet of {len(packet)} octets states {stated_bytes(packet)}")
+    if crc16(packet) != 0:
+        raise CorruptData("packet fails its CRC-16")

@@ -1,0 +1,139 @@
+"""The receiver digitizer on the GRM link (``docs/grm-link.md``)."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from belahil.errors import CorruptData, InstrumentError
+from belahil.grm_link import (
+    Acknowledge,
+    HousekeepingReport,
+    SpecReport,
+    Verb,
+    WindowAssembler,
+    WindowSegment,
+)
+from drivers.grm_session import GrmSession, LinkCounts
+
+if TYPE_CHECKING:
+    from belahil.grm_link import Framing
+    from belahil.interfaces import Clock, Link
+    from belahil.receiver import DigitizerSpec
+    from belahil.values import RangeWindow, WindowRequest
+
+
+class GrmDigitizer:
+    """A receiver that digitizes range windows, one client at a time.
+
+    Parameters
+    ----------
+    link : Link
+        To the receiver; closed here when nobody answers.
+    clock : Clock
+        For deadlines.
+    framing : {"cobs", "raw"}
+        COBS on serial lines, raw on USB.
+
+    Raises
+    ------
+    LinkError
+        No receiver of this link answers.
+    """
+
+    def __init__(self, link: Link, clock: Clock, framing: Framing = "cobs") -> None:
+        self._link = link
+        self._clock = clock
+        self._session = GrmSession(link, clock, framing)
+        self._armed: tuple[WindowRequest, int] | None = None
+        try:
+            self._spec = self._session.ask(Verb.SPEC, SpecReport).spec
+        except BaseException:
+            link.close()
+            raise
+
+    @property
+    def identity(self) -> str:
+        """What the receiver calls itself."""
+        return self._session.identity
+
+    @property
+    def spec(self) -> DigitizerSpec:
+        """What the receiver reported of its converters when the link was opened."""
+        return self._spec
+
+    @property
+    def dropped(self) -> LinkCounts:
+        """Damaged and stale packets that were dropped since the link was opened."""
+        return self._session.counts
+
+    def arm(self, request: WindowRequest) -> None:
+        """Ask for one window; an older one that was not read is dropped.
+
+        Raises
+        ------
+        LimitExceeded
+            A value does not fit the link; nothing was sent.
+        InstrumentRefused
+            With the receiver's reason.
+        LinkError
+            No proof that the receiver has accepted.
+        """
+        self._armed = None
+        accepted = self._session.ask(Verb.ARM, Acknowledge, request)
+        self._armed = request, accepted.request_id
+
+    def read(self, timeout_s: float) -> RangeWindow:
+        """Return the window of the last `arm`.
+
+        Parameters
+        ----------
+        timeout_s : float
+            For the whole window.
+
+        Raises
+        ------
+        InstrumentRefused
+            The receiver could not capture the window, and says why.
+        LinkTimeout, CorruptData, StaleData, LinkClosed
+            Never a wrong window. Arm again before the next read.
+        InstrumentError
+            Nothing is armed.
+        """
+        if self._armed is None:
+            raise InstrumentError("the receiver was asked for a window before it was armed")
+        (request, request_id), self._armed = self._armed, None
+        with self._session.losing_step():
+            window = self._assembled(request, request_id, self._clock.now_s() + timeout_s)
+            _check(window, request)
+        return window
+
+    def housekeeping(self) -> dict[str, float]:
+        """Return what the receiver tells of itself now."""
+        return dict(self._session.ask(Verb.HOUSEKEEPING, HousekeepingReport).values)
+
+    def close(self) -> None:
+        """Disarm the receiver and let go of the link."""
+        with suppress(InstrumentError):
+            self._session.send(Verb.ABORT)
+        self._link.close()
+
+    def _assembled(self, request: WindowRequest, request_id: int, deadline_s: float) -> RangeWindow:
+        assembler = WindowAssembler(request_id, request.shot)
+        question = f"window of shot {request.shot}"
+        while True:
+            segment = self._session.next_answer(request_id, WindowSegment, deadline_s, question)
+            window = assembler.add(segment)
+            if window is not None:
+                return window
+
+
+def _check(window: RangeWindow, request: WindowRequest) -> None:
+    if window.gain_code != request.gain_code:
+        raise CorruptData(
+            f"shot {request.shot}: asked for gain code {request.gain_code}, the window has {window.gain_code}"
+        )
+    if request.products == "window" and window.counts.size != request.sample_count:
+        raise CorruptData(
+            f"shot {request.shot}: asked for {request.sample_count} samples, {window.counts.size} came"
+        )

@@ -1,0 +1,1 @@
+"""The byte faces of the plant: instruments that answer messages, without any input or output of their own."""
