@@ -30,7 +30,7 @@ def complaint(root: Path) -> str | None:
             continue
         what = "none" if found is None else "another package's file" if found == own else str(found)
         return (
-            f"belahil needs its own package '{room}' at {own.parent}, and found {what}; "
+            f"belahil: needs its own package '{room}' at {own.parent}, and found {what}; "
             "install belahil into an environment of its own"
         )
     return None
