@@ -165,6 +165,26 @@ def test_what_the_spec_excludes_is_refused_with_its_reason(
     assert receiver.armed == []
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [telecommand(Verb.ARM, 1, replace(REQUEST, gain_code=16)), Telecommand(200, Verb.ARM, 1, b"?")],
+    ids=["excluded", "malformed"],
+)
+def test_a_refused_arm_leaves_nothing_armed(
+    client: Client, receiver: FakeReceiver, wrong: Telecommand
+) -> None:
+    receiver.captured = False
+    client.say(Verb.ARM, REQUEST)
+    client.say_packet(wrong)
+    receiver.captured = True
+
+    acknowledge, *rest = client.hear()
+
+    assert isinstance(acknowledge, Acknowledge)
+    assert [type(answer) for answer in rest] == [Refusal]
+    assert receiver.aborts == 1
+
+
 def test_a_receiver_without_gain_codes_takes_none(client: Client, receiver: FakeReceiver) -> None:
     receiver.spec = replace(SPEC, gain_codes=None)
 

@@ -16,7 +16,7 @@ from belahil.grm_link.answers import (
     read_answer,
     telemetry,
 )
-from belahil.grm_link.commands import Reason, Verb, read_command, telecommand
+from belahil.grm_link.commands import RECEIVER_SERVICE, Reason, Verb, read_command, telecommand
 from belahil.grm_link.framing import Framing, PacketStream, framed, packet_stream
 from belahil.grm_link.packets import MAX_PACKET_BYTES, SEQUENCE_COUNTS, Telecommand, Telemetry, crc16
 from belahil.grm_link.window import (
@@ -32,6 +32,7 @@ __all__ = [
     "MAX_CANDIDATES",
     "MAX_PACKET_BYTES",
     "MAX_SEGMENT_BYTES",
+    "RECEIVER_SERVICE",
     "SEQUENCE_COUNTS",
     "Acknowledge",
     "Answer",

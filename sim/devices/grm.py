@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from belahil.errors import BelahilError, InstrumentRefused
 from belahil.grm_link import (
     MAX_SEGMENT_BYTES,
+    RECEIVER_SERVICE,
     SEQUENCE_COUNTS,
     Acknowledge,
     HousekeepingReport,
@@ -141,6 +142,8 @@ class GrmDevice:
             verb, request = read_command(command)
             answer = self._arm(request_id, request) if request else self._answer(verb, request_id)
         except BelahilError as error:
+            if (command.service, command.subtype) == (RECEIVER_SERVICE, Verb.ARM):
+                self._disarm()
             answer = Refusal(request_id, _number(error), str(error))
         self._send(answer)
 
