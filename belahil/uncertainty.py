@@ -1,0 +1,105 @@
+"""Uncertainties after JCGM 100:2008 (GUM): combination, budget, and numbers as they are written.
+
+Equation and clause numbers are those of JCGM 100:2008.
+"""
+
+from __future__ import annotations
+
+import math
+from decimal import Decimal
+from typing import TYPE_CHECKING
+
+from belahil.outcome import BudgetLine
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+PREFIXES = {9: "G", 6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n", -12: "p", -15: "f"}
+
+
+def combined(parts: Iterable[float]) -> float:
+    """Combine independent standard uncertainties of one quantity: the root of their sum of squares (eq. 10).
+
+    Parameters
+    ----------
+    parts : iterable of float
+        Each already multiplied by its sensitivity, in the unit of the quantity.
+
+    Examples
+    --------
+    >>> combined([3.0, 4.0])
+    5.0
+    """
+    return math.hypot(*parts)
+
+
+def budget(quantity: str, unit: str, parts: Mapping[str, float]) -> list[BudgetLine]:
+    """List what each source adds to the uncertainty of one result, the largest first.
+
+    Parameters
+    ----------
+    quantity : str
+        The result, for example ``gain, code 4``.
+    unit : str
+        Its SI unit.
+    parts : mapping of str to float
+        Source and standard uncertainty it would give alone, in `unit`.
+
+    Examples
+    --------
+    >>> [(line.source, round(line.share, 3)) for line in budget("gain", "1", {"noise": 1.0, "pad": 3.0})]
+    [('pad', 0.9), ('noise', 0.1)]
+    """
+    whole = combined(parts.values()) or 1.0
+    return [
+        BudgetLine(quantity, source, value, unit, (value / whole) ** 2)
+        for source, value in sorted(parts.items(), key=lambda part: -part[1])
+    ]
+
+
+def prefix_power(size: float, unit: str) -> int:
+    """Power of ten, a multiple of three, that writes a number of this size with one to three digits.
+
+    Examples
+    --------
+    >>> prefix_power(19e6, "Hz"), prefix_power(0.83e-3, "V"), prefix_power(1234.0, "1")
+    (6, -6, 0)
+    """
+    if unit == "1" or size == 0 or not math.isfinite(size):
+        return 0
+    return min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), min(PREFIXES)), max(PREFIXES))
+
+
+def written(value: float, standard_uncertainty: float, power: int = 0) -> str:
+    """Write a result with its standard uncertainty in parentheses (7.2.2), to two figures of it (7.2.6).
+
+    Parameters
+    ----------
+    value, standard_uncertainty : float
+        In the same unit; the uncertainty is not negative.
+    power : int
+        Written in units of ten to this power.
+
+    Examples
+    --------
+    >>> written(19.01234e6, 3456.0, power=6)
+    '19.0123(35)'
+    >>> written(5.2, 1.26), written(1234.5, 321.0), written(5.19, 0.0)
+    ('5.2(1.3)', '1230(320)', '5.19')
+    """
+    if not (math.isfinite(value) and math.isfinite(standard_uncertainty)) or standard_uncertainty <= 0:
+        return f"{value / 10**power:.6g}" if standard_uncertainty == 0 else f"{value / 10**power:.6g}(?)"
+    number, spread = (Decimal(repr(float(part))).scaleb(-power) for part in (value, standard_uncertainty))
+    # Rounding may carry into a new figure (0.0996 to 0.10), hence twice.
+    spread = _rounded(spread, spread.adjusted() - 1)
+    place = spread.adjusted() - 1
+    spread, number = _rounded(spread, place), _rounded(number, place)
+    if place >= 0:
+        return f"{int(number)}({int(spread)})"
+    inside = f"{spread:f}" if spread >= 1 else str(int(spread.scaleb(-place)))
+    return f"{number:f}({inside})"
+
+
+def _rounded(number: Decimal, place: int) -> Decimal:
+    steps = int(number.scaleb(-place).to_integral_value())
+    return Decimal(steps).scaleb(place)
