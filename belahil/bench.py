@@ -112,14 +112,8 @@ class Bench:
 
     @property
     def setting_per_cut_volt(self) -> float:
-        """Generator setting, V into its load setting, that gives 1 V at the cut.
-
-        The attenuator is a matched 50-ohm pad: cut voltage = V_open 10**(-dB/20) R_in / (50 + R_in).
-        """
-        part = self.config.generator
-        input_ohm = self.config.digitizer.input_ohm
-        divider = 1.0 if input_ohm == float("inf") else input_ohm / (SOURCE_OHM + input_ohm)
-        return 10 ** (part.attenuation_db / 20) / (divider * open_circuit(part.load_ohm))
+        """Generator setting, V into its load setting, that gives 1 V at the cut."""
+        return setting_per_cut_volt(self.config)
 
     def check(self, stimulus: Stimulus, request: WindowRequest) -> None:
         """Refuse what the interlock, the generator or the receiver would refuse, before anything is sent.
@@ -229,6 +223,17 @@ class Bench:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def setting_per_cut_volt(config: BenchConfig) -> float:
+    """Generator setting, V into its load setting, that gives 1 V at the cut.
+
+    The attenuator is a matched 50-ohm pad: cut voltage = V_open 10**(-dB/20) R_in / (50 + R_in).
+    """
+    part = config.generator
+    input_ohm = config.digitizer.input_ohm
+    divider = 1.0 if input_ohm == float("inf") else input_ohm / (SOURCE_OHM + input_ohm)
+    return 10 ** (part.attenuation_db / 20) / (divider * open_circuit(part.load_ohm))
 
 
 def _span(codes: tuple[int, ...]) -> str:

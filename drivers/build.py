@@ -1,0 +1,92 @@
+"""From a bench file to real drivers, over whatever endpoints there are."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+from belahil.bench import Bench, setting_per_cut_volt
+from belahil.errors import InstrumentError
+from belahil.generators import FAMILIES
+
+if TYPE_CHECKING:
+    from belahil.bench import Endpoints
+    from belahil.config import BenchConfig
+    from drivers.generators.keysight import KeysightGenerator
+    from drivers.grm import GrmDigitizer
+
+
+def bench(config: BenchConfig, endpoints: Endpoints) -> Bench:
+    """Open both instruments of a bench file.
+
+    Parameters
+    ----------
+    config : BenchConfig
+        ``[emulation]`` is not read.
+    endpoints : Endpoints
+        Where vendor libraries find emulated devices; empty for those that the bench file names.
+
+    Returns
+    -------
+    Bench
+        With its output off.
+
+    Raises
+    ------
+    ConfigError
+        An address or a link that is none.
+    InstrumentError
+        Nobody answers, or somebody unknown does; what was opened is closed again, its output off.
+    """
+    with ExitStack() as opened:
+        generator = open_generator(config, endpoints)
+        opened.callback(generator.close)
+        digitizer = open_digitizer(config, endpoints)
+        opened.callback(digitizer.close)
+        made = Bench(generator, digitizer, config, endpoints.clock)
+        opened.pop_all()
+        return made
+
+
+def open_generator(config: BenchConfig, endpoints: Endpoints) -> KeysightGenerator:
+    """Open the generator: output off, load and its own voltage limits set."""
+    from drivers.generators.keysight import KeysightGenerator
+    from drivers.scpi import ScpiSession
+    from drivers.visa_link import VisaLink
+
+    part = config.generator
+    address = endpoints.visa_address or part.address
+    link = VisaLink(address, endpoints.visa_library or part.visa_library)
+    with ExitStack() as opened:
+        opened.callback(link.close)
+        generator = KeysightGenerator(
+            ScpiSession(link, endpoints.clock, address),
+            part.load_ohm,
+            largest_v=part.max_vpp / 2 * setting_per_cut_volt(config),
+        )
+        opened.pop_all()
+    family = FAMILIES[part.driver]
+    if generator.limits.name not in family:
+        generator.close()
+        raise InstrumentError(
+            f'[generator] driver = "{part.driver}" is for {", ".join(family)}; '
+            f'at {address} is "{generator.identity}"'
+        )
+    return generator
+
+
+def open_digitizer(config: BenchConfig, endpoints: Endpoints) -> GrmDigitizer:
+    """Open the receiver."""
+    from drivers.grm import GrmDigitizer
+    from drivers.links_grm import open_link
+    from drivers.serial_link import open_serial
+    from drivers.usb_link import open_usb
+
+    if endpoints.serial_url:
+        return GrmDigitizer(open_serial(endpoints.serial_url), endpoints.clock, "cobs")
+    if endpoints.usb_backend is not None:
+        vendor, product = endpoints.usb_id
+        device = open_usb(vendor, product, backend=endpoints.usb_backend)
+        return GrmDigitizer(device, endpoints.clock, "raw")
+    link, framing = open_link(config.digitizer.link)
+    return GrmDigitizer(link, endpoints.clock, framing)

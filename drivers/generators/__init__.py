@@ -1,0 +1,1 @@
+"""Function generators: a thin dialect for each family."""

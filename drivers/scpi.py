@@ -1,0 +1,195 @@
+"""Questions to a SCPI instrument, where each answer proves which question it belongs to.
+
+Each question carries a number that comes back with its answer: ``*ESE n;...;*ESE?``. The event status
+enable register of IEEE 488.2 serves as the echo, since every instrument has it and nothing else here uses it.
+So a late, doubled or cut answer is never taken for the answer of another question.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from belahil.errors import CorruptData, InstrumentError, LinkClosed, LinkError, LinkTimeout, StaleData
+
+if TYPE_CHECKING:
+    from belahil.interfaces import Clock, Link
+
+ANSWER_TIMEOUT_S = 2.0
+NO_ERROR = 0
+_ERRORS_AT_MOST = 64
+_READ_BYTES = 65536
+_FIELD = re.compile(r'(?:[^;"]|"[^"]*")+')
+_ERROR = re.compile(r'([+-]?\d+),"(.*)"', re.DOTALL)
+
+
+class ScpiSession:
+    """One instrument; in step with it, or an error is raised.
+
+    After any `LinkError` the link is cleared and the instrument must name itself as before. A question is
+    never repeated here: the caller knows what may be repeated.
+
+    Parameters
+    ----------
+    link : Link
+        To the instrument.
+    clock : Clock
+        For deadlines.
+    name : str
+        For messages, for example an address.
+
+    Raises
+    ------
+    LinkError
+        No instrument answers, or not twice the same.
+    """
+
+    def __init__(self, link: Link, clock: Clock, name: str) -> None:
+        self._link = link
+        self._clock = clock
+        self._name = name
+        self._tag = 0
+        self._in_step = True
+        self._rest = b""
+        self.identity = ""
+        self._get_in_step()
+        first, self.identity = self.identity, ""
+        self._get_in_step()
+        if first != self.identity:
+            raise CorruptData(f'{name}: the instrument was "{first}" and now says "{self.identity}"')
+
+    def send(self, *commands: str) -> None:
+        """Send commands as one message; a later question tells what became of them."""
+        self._write((";".join(commands) + "\n").encode("ascii"))
+
+    def send_block(self, header: str, data: bytes) -> None:
+        """Send a command whose last parameter is a definite-length block (IEEE 488.2, 7.7.6).
+
+        Parameters
+        ----------
+        header : str
+            Up to the block, with its comma or blank.
+        data : bytes
+            Any bytes.
+        """
+        length = str(len(data))
+        self._write(f"{header}#{len(length)}{length}".encode("ascii") + data + b"\n")
+
+    def ask(self, *queries: str) -> list[str]:
+        """Send queries as one message and return the answer to each.
+
+        Raises
+        ------
+        LinkError
+            No proof of an answer; the session is in step again, unless the link is closed or silent.
+        """
+        if not self._in_step:
+            self._get_in_step()
+        try:
+            tag = self._next_tag()
+            self._write(f"*ESE {tag};{';'.join(queries)};*ESE?\n".encode("ascii"))
+            fields = self._fields(self._clock.now_s() + ANSWER_TIMEOUT_S)
+            if _number(fields[-1]) != tag:
+                raise self._wrong(fields, tag)
+            if len(fields) != len(queries) + 1:
+                raise CorruptData(f"{self._name}: {len(queries)} questions, answer {';'.join(fields)!r}")
+            return fields[:-1]
+        except LinkClosed:
+            raise
+        except LinkError:
+            self.recover()
+            raise
+
+    def errors(self) -> list[tuple[int, str]]:
+        """Empty the instrument's error queue, oldest first.
+
+        Returns
+        -------
+        list of tuple of int and str
+            SCPI number and text.
+        """
+        found: list[tuple[int, str]] = []
+        while len(found) < _ERRORS_AT_MOST:
+            number, text = read_error(self.ask(":SYST:ERR?")[0])
+            if number == NO_ERROR:
+                break
+            found.append((number, text))
+        return found
+
+    def recover(self) -> None:
+        """Clear the link and find the same instrument again.
+
+        Raises
+        ------
+        LinkError
+            It cannot be found.
+        """
+        self._in_step = False
+        self._get_in_step()
+
+    def close(self) -> None:
+        """Let go of the link."""
+        self._link.close()
+
+    def _get_in_step(self) -> None:
+        self._link.clear()
+        self._rest = b""
+        tag = self._next_tag()
+        # IEEE 488.2 wants *IDN? to be the last query of a message.
+        self._write(f"*ESE {tag};*ESE?;*IDN?\n".encode("ascii"))
+        deadline_s = self._clock.now_s() + ANSWER_TIMEOUT_S
+        fields = self._fields(deadline_s)
+        while _number(fields[0]) != tag or len(fields) != 2:
+            fields = self._fields(deadline_s)
+        if self.identity not in ("", fields[1]):
+            raise InstrumentError(
+                f'{self._name}: the instrument was "{self.identity}" and now says "{fields[1]}"'
+            )
+        self.identity = fields[1]
+        self._in_step = True
+
+    def _next_tag(self) -> int:
+        self._tag = self._tag % 255 + 1
+        return self._tag
+
+    def _write(self, message: bytes) -> None:
+        try:
+            self._link.write(message)
+        except LinkError:
+            self._in_step = False
+            raise
+
+    def _fields(self, deadline_s: float) -> list[str]:
+        """Read a line and cut it at its semicolons; at least one field."""
+        line = self._rest
+        while b"\n" not in line:
+            data = self._link.read(_READ_BYTES, max(0.0, deadline_s - self._clock.now_s()))
+            if not data:
+                raise LinkTimeout(f"{self._name}: no answer in {ANSWER_TIMEOUT_S:g} s")
+            line += data
+        line, _, self._rest = line.partition(b"\n")
+        return _FIELD.findall(line.decode("latin-1").strip()) or [""]
+
+    def _wrong(self, fields: list[str], tag: int) -> LinkError:
+        said = ";".join(fields)
+        if _number(fields[-1]) is None:
+            return CorruptData(f"{self._name}: answer {said!r} does not end with the number {tag}")
+        return StaleData(f"{self._name}: answer {said!r} belongs to another question than number {tag}")
+
+
+def read_error(answer: str) -> tuple[int, str]:
+    """Read one entry of an error queue, such as ``+0,"No error"``.
+
+    Raises
+    ------
+    CorruptData
+        It is none.
+    """
+    match = _ERROR.fullmatch(answer)
+    if match is None:
+        raise CorruptData(f"{answer!r} is no entry of an error queue")
+    return int(match[1]), match[2]
+
+
+def _number(field: str) -> int | None:
+    return int(field) if re.fullmatch(r"\+?\d{1,3}", field) else None

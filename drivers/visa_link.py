@@ -1,0 +1,172 @@
+"""An instrument behind PyVISA as a link."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from belahil.errors import ConfigError, InstrumentError, LinkClosed, LinkError, LinkTimeout
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+WRITE_TIMEOUT_S = 5.0
+# PyVISA asks for so many bytes at once; a longer answer comes in several portions.
+_CHUNK_BYTES = 65536
+
+
+class VisaLink:
+    """A VISA session for an instrument whose messages end with a line feed.
+
+    Parameters
+    ----------
+    address : str
+        VISA resource name.
+    library : object or str
+        A PyVISA library, or its name; empty for PyVISA's own choice.
+
+    Raises
+    ------
+    ConfigError
+        The address is no resource name.
+    LinkClosed
+        Nobody is there.
+    InstrumentError
+        There is no such VISA library.
+
+    Notes
+    -----
+    A raw socket cannot be cleared and does not tell a closed link from a slow one: `clear` connects anew,
+    which does both.
+    """
+
+    def __init__(self, address: str, library: Any = "") -> None:
+        import pyvisa
+
+        self._pyvisa: ModuleType = pyvisa
+        self._address = address
+        try:
+            self._manager = pyvisa.ResourceManager(library)
+        except (OSError, ValueError, pyvisa.errors.Error) as error:
+            raise InstrumentError(f'visa_library = "{library}" does not load: {_line(error)}') from error
+        self._timeout_s = WRITE_TIMEOUT_S
+        self._resource: Any = self._opened()
+        self._is_socket = self._resource.resource_class == "SOCKET"
+
+    def _opened(self) -> Any:
+        try:
+            resource: Any = self._manager.open_resource(self._address)
+        except Exception as error:  # PyVISA's back ends let errors of all kinds through here
+            if _status(error) == "error_invalid_resource_name":
+                raise ConfigError(
+                    f'[generator] address = "{self._address}" is no VISA resource name, '
+                    "such as TCPIP::HOST::PORT::SOCKET or USB::VID::PID::SERIAL::INSTR"
+                ) from error
+            raise LinkClosed(f"nobody answers at {self._address}: {_line(error)}") from error
+        resource.read_termination = "\n"
+        self._set_timeout(resource, WRITE_TIMEOUT_S)
+        return resource
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`.
+
+        Raises
+        ------
+        LinkTimeout
+            The instrument does not take it.
+        LinkClosed
+            It is gone.
+        LinkError
+            The bus failed.
+        """
+        try:
+            self._connected().write_raw(data)
+        except (OSError, self._pyvisa.errors.Error) as error:
+            raise self._failed(error) from error
+
+    def read(self, count: int, timeout_s: float) -> bytes:
+        """Return bytes up to a line feed or the end of a message; empty when none came in time.
+
+        Parameters
+        ----------
+        count : int
+            Of bytes to ask for at once; a longer message comes whole all the same.
+        timeout_s : float
+            VISA counts whole milliseconds, at least one.
+
+        Raises
+        ------
+        LinkClosed
+            The instrument is gone.
+        LinkError
+            The bus failed.
+        """
+        resource = self._connected()
+        try:
+            if timeout_s != self._timeout_s:
+                self._set_timeout(resource, timeout_s)
+            return bytes(resource.read_raw(min(count, _CHUNK_BYTES)))
+        except (OSError, self._pyvisa.errors.Error) as error:
+            if _status(error) == "error_timeout":
+                return b""
+            raise self._failed(error) from error
+
+    def clear(self) -> None:
+        """Drop what is on its way: by device clear, or else by a new connection.
+
+        Raises
+        ------
+        LinkClosed
+            The instrument is gone.
+        LinkError
+            The bus failed.
+        """
+        if not self._is_socket:
+            try:
+                self._connected().clear()
+                return
+            except NotImplementedError:
+                pass
+            except (OSError, self._pyvisa.errors.Error) as error:
+                if _status(error) != "error_nonsupported_operation":
+                    raise self._failed(error) from error
+        self.close()
+        self._resource = self._opened()
+
+    def close(self) -> None:
+        """Let go of the session; never raises."""
+        resource, self._resource = self._resource, None
+        if resource is not None:
+            with suppress(OSError, self._pyvisa.errors.Error):
+                resource.close()
+
+    def _set_timeout(self, resource: Any, timeout_s: float) -> None:
+        resource.timeout = max(1, math.ceil(timeout_s * 1e3))
+        self._timeout_s = timeout_s
+
+    def _connected(self) -> Any:
+        if self._resource is None:
+            raise LinkClosed(f"{self._address}: the link was closed")
+        return self._resource
+
+    def _failed(self, error: Exception) -> LinkError:
+        status = _status(error)
+        if status == "error_timeout":
+            return LinkTimeout(f"{self._address}: the instrument takes no more bytes")
+        if isinstance(error, ConnectionRefusedError):
+            # Sockets of pyvisa-py connect in the background: only the first write learns of it.
+            return LinkClosed(f"nobody answers at {self._address}: {_line(error)}")
+        gone = status in ("error_connection_lost", "error_resource_not_found", "error_invalid_object")
+        if gone or isinstance(error, (OSError, self._pyvisa.errors.InvalidSession)):
+            return LinkClosed(f"{self._address} is gone: {_line(error)}")
+        return LinkError(f"{self._address}: {_line(error)}")
+
+
+def _status(error: Exception) -> str:
+    """Name of the VISA status in an error; empty when there is none."""
+    return str(getattr(getattr(error, "error_code", None), "name", ""))
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

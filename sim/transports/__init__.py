@@ -1,0 +1,1 @@
+"""Where emulated devices plug in: VISA library, serial URL, USB backend, and a server for other processes."""
