@@ -6,7 +6,7 @@ Equation and clause numbers are those of JCGM 100:2008.
 from __future__ import annotations
 
 import math
-from decimal import Decimal
+from decimal import Decimal, localcontext
 from typing import TYPE_CHECKING
 
 from belahil.outcome import BudgetLine
@@ -101,5 +101,5 @@ def written(value: float, standard_uncertainty: float, power: int = 0) -> str:
 
 
 def _rounded(number: Decimal, place: int) -> Decimal:
-    steps = int(number.scaleb(-place).to_integral_value())
-    return Decimal(steps).scaleb(place)
+    with localcontext(prec=80):
+        return number.quantize(Decimal(1).scaleb(place))
