@@ -1,0 +1,267 @@
+"""The data file of a run: NetCDF-4 with CF attributes, written from the journal when the run ends.
+
+Dimensions are ``shot`` and ``sample``; each table of results adds its own dimension and the variables
+``<table>_<column>``. Windows shorter than the longest are filled up; ``sample_count`` says where they end.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse, largest_volts
+from belahil.storage import replacing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from belahil.outcome import Table
+    from belahil.run import Shots
+    from belahil.values import Shot
+
+CONVENTIONS = "CF-1.11"
+NO_FLOAT = 9.969209968386869e36  # the default fill value of NetCDF
+NO_COUNT = -32768
+STIMULI = (NoSignal, Sine, SampledPulse, TransmittedPulse)
+STIMULUS_WORDS = "no_signal sine sampled_pulse transmitted_pulse"
+BATCH = 64  # windows a write: 2 MB of the longest BELA windows
+UNIT_OF_SUFFIX = {"v": "V", "a": "A", "s": "s", "hz": "Hz", "k": "K", "c": "degree_Celsius", "w": "W"}
+SAID = {
+    "emulated": "EMULATED DATA: emulated instruments behind the real drivers; no hardware was measured",
+    "simulated": "SIMULATED DATA: computed instruments; no hardware was measured",
+    "hardware": "measured on hardware",
+    "replay": "REPLAYED DATA: read again from the recording of an earlier session",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Variable:
+    name: str
+    dtype: str
+    units: str
+    long_name: str
+    of: Callable[[Shot], Any]
+    fill: Any = None
+
+
+def _milliseconds(date: str) -> int:
+    return round(datetime.fromisoformat(date).timestamp() * 1000)
+
+
+def _of_sine(name: str) -> Callable[[Shot], float]:
+    return lambda shot: getattr(shot.played, name) if isinstance(shot.played, Sine) else NO_FLOAT
+
+
+_VARIABLES = (
+    _Variable("shot", "i8", "1", "index of the shot in the plan", lambda shot: shot.window.shot),
+    _Variable(
+        "sample_count", "i4", "1", "digitized samples of the window", lambda shot: shot.window.counts.size
+    ),
+    _Variable(
+        "gain_code",
+        "i2",
+        "1",
+        "gain code of the receiver",
+        lambda shot: -1 if shot.window.gain_code is None else shot.window.gain_code,
+        -1,
+    ),
+    _Variable(
+        "volts_per_count",
+        "f8",
+        "V",
+        "size of one count at the converter",
+        lambda shot: shot.window.volts_per_count,
+    ),
+    _Variable("zero_count", "f8", "1", "count of zero volts", lambda shot: shot.window.zero_count),
+    _Variable(
+        "sample_interval_s",
+        "f8",
+        "s",
+        "nominal time between samples",
+        lambda shot: shot.window.sample_interval_s,
+    ),
+    _Variable("start_s", "f8", "s", "first sample after the trigger", lambda shot: shot.window.start_s),
+    _Variable("saturated", "i4", "1", "number of clipped samples", lambda shot: shot.window.saturated),
+    _Variable("stimulus", "i1", "", "kind of the stimulus", lambda shot: STIMULI.index(type(shot.played))),
+    _Variable(
+        "frequency_hz", "f8", "Hz", "frequency of a sine as played", _of_sine("frequency_hz"), NO_FLOAT
+    ),
+    _Variable(
+        "amplitude_vpp",
+        "f8",
+        "V",
+        "amplitude of a sine at the cut, peak to peak",
+        _of_sine("amplitude_vpp"),
+        NO_FLOAT,
+    ),
+    _Variable("offset_v", "f8", "V", "offset of a sine at the cut", _of_sine("offset_v"), NO_FLOAT),
+    _Variable(
+        "largest_v",
+        "f8",
+        "V",
+        "largest magnitude of the stimulus at the cut",
+        lambda shot: largest_volts(shot.played),
+    ),
+    _Variable(
+        "date",
+        "i8",
+        "milliseconds since 1970-01-01T00:00:00Z",
+        "date of the measurement",
+        lambda shot: _milliseconds(shot.date),
+    ),
+    _Variable("attempt", "i2", "1", "attempt that succeeded", lambda shot: shot.attempt),
+)
+
+
+def write_data(path: Path, shots: Shots, tables: Mapping[str, Table], summary: Mapping[str, Any]) -> None:
+    """Write the data file; memory holds a few windows at a time.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced as a whole.
+    shots : Shots
+        Read twice.
+    tables : mapping of str to Table
+        Results by name.
+    summary : mapping
+        As ``summary.json`` says it; title, source and history are taken from it.
+
+    Raises
+    ------
+    StorageError
+        The file could not be written.
+    """
+    import h5netcdf
+
+    scalars, housekeeping, longest, ragged = _collected(shots)
+    with replacing(path) as temporary, h5netcdf.File(temporary, "w") as file:
+        file.attrs.update(_attributes(summary))
+        file.dimensions = {"shot": len(shots), "sample": max(longest, 1)}
+        for variable in _VARIABLES:
+            data = scalars[variable.name]
+            # Only where it is needed: readers turn integers that have a fill value into floats.
+            fill = variable.fill if np.any(data == variable.fill) else None
+            made = file.create_variable(variable.name, ("shot",), data=data, fillvalue=fill)
+            made.attrs["long_name"] = variable.long_name
+            if variable.units:
+                made.attrs["units"] = variable.units
+        file["stimulus"].attrs["flag_values"] = np.arange(len(STIMULI), dtype=np.int8)
+        file["stimulus"].attrs["flag_meanings"] = STIMULUS_WORDS
+        file["date"].attrs["standard_name"] = "time"
+        for name, values in housekeeping.items():
+            made = file.create_variable(
+                f"housekeeping_{name}", ("shot",), "f8", data=values, fillvalue=NO_FLOAT
+            )
+            made.attrs["long_name"] = f"{name}, as the receiver reports it"
+            made.attrs["units"] = UNIT_OF_SUFFIX.get(name.rpartition("_")[2], "1")
+        _write_counts(file, shots, max(longest, 1), ragged)
+        for name, table in tables.items():
+            _write_table(file, name, table)
+
+
+def _collected(shots: Shots) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.float64]], int, bool]:
+    """Read all but the counts: per-shot values, housekeeping, longest window, whether lengths differ."""
+    columns: dict[str, list[Any]] = {variable.name: [] for variable in _VARIABLES}
+    housekeeping: dict[str, NDArray[np.float64]] = {}
+    for row, shot in enumerate(shots):
+        for variable in _VARIABLES:
+            columns[variable.name].append(variable.of(shot))
+        for name, value in shot.window.housekeeping.items():
+            housekeeping.setdefault(name, np.full(len(shots), NO_FLOAT))[row] = value
+    lengths = set(columns["sample_count"])
+    scalars = {variable.name: np.array(columns[variable.name], variable.dtype) for variable in _VARIABLES}
+    return scalars, housekeeping, max(lengths, default=0), len(lengths) > 1
+
+
+def _write_counts(file: Any, shots: Iterable[Shot], longest: int, ragged: bool) -> None:
+    counts = file.create_variable(
+        "counts",
+        ("shot", "sample"),
+        "i2",
+        chunks=(1, longest),
+        fillvalue=NO_COUNT if ragged else None,
+    )
+    counts.attrs["long_name"] = "converter counts; volts are (counts - zero_count) * volts_per_count"
+    counts.attrs["units"] = "1"
+    counts.attrs["coordinates"] = "gain_code frequency_hz amplitude_vpp date"
+    batch = np.full((BATCH, longest), NO_COUNT, np.int16)
+    first = held = 0
+    for shot in shots:
+        size = shot.window.counts.size
+        batch[held, :size] = shot.window.counts
+        batch[held, size:] = NO_COUNT
+        held += 1
+        if held == BATCH:
+            counts[first : first + held] = batch
+            first, held = first + held, 0
+    if held:
+        counts[first : first + held] = batch[:held]
+
+
+def _write_table(file: Any, name: str, table: Table) -> None:
+    rows = next(iter(table.columns.values()))[0].size
+    known = file.dimensions.get(table.dimension)
+    if known is None:
+        file.dimensions[table.dimension] = rows
+    elif known.size != rows:
+        raise ValueError(f"table {name}: {rows} rows, dimension {table.dimension} has {known.size}")
+    for column, (values, unit, long_name) in table.columns.items():
+        coordinate = column == table.dimension
+        data, fill, more = _stored(values)
+        made = file.create_variable(
+            column if coordinate else f"{name}_{column}",
+            (table.dimension,),
+            data.dtype,
+            data=data,
+            fillvalue=None if coordinate else fill,
+        )
+        made.attrs["long_name"] = long_name
+        made.attrs.update(more or {"units": unit})
+
+
+def _stored(values: NDArray[Any]) -> tuple[NDArray[Any], Any, dict[str, Any]]:
+    """Return what goes to the file, its fill value, and attributes that take the place of a unit."""
+    missing = np.ma.getmaskarray(values)
+    data = np.ma.getdata(values)
+    if data.dtype.kind in "UO":
+        words = [re.sub(r"[^A-Za-z0-9_.+@-]", "_", str(word)) or "unset" for word in data]
+        meanings = sorted(set(words))
+        flags: Sequence[int] = [meanings.index(word) for word in words]
+        return (
+            np.array(flags, np.int8),
+            None,
+            {
+                "flag_values": np.arange(len(meanings), dtype=np.int8),
+                "flag_meanings": " ".join(meanings),
+            },
+        )
+    if data.dtype.kind == "f":
+        missing = missing | np.isnan(data)
+        return np.where(missing, NO_FLOAT, data), NO_FLOAT, {}
+    if data.dtype.kind == "b":
+        return data.astype(np.int8), None, {}
+    lowest = np.iinfo(data.dtype).min if data.dtype.kind == "i" else np.iinfo(data.dtype).max
+    return np.where(missing, lowest, data).astype(data.dtype), lowest if missing.any() else None, {}
+
+
+def _attributes(summary: Mapping[str, Any]) -> dict[str, str]:
+    instruments = ", ".join(f"{part} {identity}" for part, identity in summary["instruments"].items())
+    said = SAID[summary["source"]]
+    return {
+        "Conventions": CONVENTIONS,
+        "title": f"belahil {summary['procedure']}: range windows and results",
+        "source": f"{said}; {instruments}",
+        "history": f"{summary['finished']} belahil {summary['software']['belahil']} "
+        f"{summary['procedure']}, begun {summary['started']}; {said}",
+        "comment": f"{said}. Voltages of stimuli are voltages at the cut, the receiver's input connector.",
+        "verdict": summary["verdict"],
+    }

@@ -1,0 +1,133 @@
+"""The page itself: from the summary, what else the procedure told, and the figures' files."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from belahil.errors import RefusedInput, StorageError
+from belahil.report.figures import LABELS
+from belahil.report.tables import grids, named, one_text
+from belahil.run_folder import read_json
+from belahil.storage import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from belahil.outcome import Outcome
+    from belahil.verdict import Check
+
+
+def material(
+    outcome: Outcome, checks: Sequence[Check], conditions: Mapping[str, str], not_modelled: Sequence[str]
+) -> dict[str, Any]:
+    """Collect, as plain values, what the page shows beside the summary.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        From the procedure.
+    checks : sequence of Check
+        Values beside their limits.
+    conditions : mapping of str to str
+        Circumstances by name.
+    not_modelled : sequence of str
+        What an emulated or simulated bench leaves out.
+    """
+    return {
+        "budget": [asdict(line) for line in outcome.budget],
+        "checks": [
+            asdict(check) | {"estimate": check.estimate.as_json() if check.estimate else None}
+            for check in checks
+        ],
+        "notes": list(outcome.notes),
+        "conditions": dict(conditions),
+        "not_modelled": list(not_modelled),
+    }
+
+
+def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]) -> Path:
+    """Write ``report.html``.
+
+    Parameters
+    ----------
+    folder : Path
+        The run folder, with the figures' files and ``bench.toml`` in it.
+    summary : mapping
+        As ``summary.json`` says it.
+    told : mapping
+        From `material`, with ``figures`` from `belahil.report.save_figures`.
+
+    Raises
+    ------
+    StorageError
+        A figure cannot be read, or the page not be written.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"named": named, "one_text": one_text, "quantity": _quantity}
+    text = environment.get_template("page.html.jinja").render(
+        summary=summary,
+        told=told,
+        label=LABELS[summary["source"]],
+        grids=grids(summary["results"]),
+        figures=[{**figure, "drawing": _drawing(folder / figure["svg"])} for figure in told["figures"]],
+        budget=_grouped(told["budget"]),
+        bench=_read(folder / "bench.toml"),
+    )
+    path = folder / "report.html"
+    write_whole(path, text)
+    return path
+
+
+def remake(folder: Path) -> Path:
+    """Write the page of a finished run again, from the files in its folder.
+
+    Raises
+    ------
+    RefusedInput
+        The folder holds no finished run.
+    StorageError
+        A file is missing or damaged.
+    """
+    if not (folder / "summary.json").is_file():
+        hint = "continue it with --resume" if (folder / "journal").is_dir() else "is it a run folder?"
+        raise RefusedInput(f"{folder}: holds no finished run ({hint})")
+    return write_page(folder, read_json(folder / "summary.json"), read_json(folder / "report.json"))
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise StorageError(f"{path}: cannot be read") from error
+
+
+def _drawing(path: Path) -> str:
+    """Read the svg element without the declarations that belong to a file of its own."""
+    _, begin, rest = _read(path).partition("<svg")
+    if not begin:
+        raise StorageError(f"{path}: is no drawing")
+    return begin + rest
+
+
+def _quantity(value: float, unit: str) -> str:
+    from belahil.uncertainty import PREFIXES, prefix_power
+
+    power = prefix_power(value, unit)
+    return f"{value / 10**power:.3g} {'' if unit == '1' else PREFIXES[power] + unit}".strip()
+
+
+def _grouped(budget: Sequence[Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for line in budget:
+        groups.setdefault(line["quantity"], []).append(line)
+    return groups

@@ -1,0 +1,110 @@
+"""Results as tables for a reader: one unit a column, uncertainties in parentheses."""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass
+from typing import Any
+
+from belahil.uncertainty import PREFIXES, prefix_power, written
+
+MISSING = "\N{EN DASH}"
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A table of texts.
+
+    Parameters
+    ----------
+    title : str
+        Its heading.
+    columns : tuple of str
+        Heading of each column, with its unit.
+    rows : tuple of tuple of str
+        One text a cell.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def grids(results: dict[str, Any]) -> list[Grid]:
+    """Lay out the results of any procedure: a table for each list of objects, one more for all the rest.
+
+    Parameters
+    ----------
+    results : dict
+        As in ``summary.json``.
+    """
+    lists = {key: value for key, value in results.items() if _is_table(value)}
+    rest = {key: value for key, value in results.items() if key not in lists}
+    found = [_grid(named(key), [_flat(row) for row in rows]) for key, rows in lists.items()]
+    if rest:
+        rows = tuple((named(key), one_text(value)) for key, value in _flat(rest).items())
+        found.insert(0, Grid("Results", ("quantity", "value"), rows))
+    return found
+
+
+def named(key: str) -> str:
+    """Turn a key into words."""
+    return key.replace("_", " ")
+
+
+def one_text(value: Any) -> str:
+    """Write one result with its unit."""
+    if _is_measured(value):
+        power = prefix_power(value["value"], value["unit"])
+        return f"{_cell(value, power)} {_unit(value['unit'], power)}".strip()
+    return _cell(value, 0)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(row, dict) for row in value)
+
+
+def _is_measured(value: Any) -> bool:
+    return isinstance(value, dict) and value.keys() >= {"value", "standard_uncertainty", "unit"}
+
+
+def _flat(row: dict[str, Any], before: str = "") -> dict[str, Any]:
+    cells: dict[str, Any] = {}
+    for key, value in row.items():
+        name = f"{before}{key}"
+        if isinstance(value, dict) and not _is_measured(value):
+            cells |= _flat(value, f"{name} ")
+        else:
+            cells[name] = value
+    return cells
+
+
+def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    powers: dict[str, int] = {}
+    headings = []
+    for key in keys:
+        measured = [row[key] for row in rows if _is_measured(row.get(key))]
+        unit = measured[0]["unit"] if measured else "1"
+        sizes = [abs(cell["value"]) for cell in measured]
+        powers[key] = prefix_power(statistics.median_high(sizes), unit) if sizes else 0
+        shown = _unit(unit, powers[key])
+        headings.append(f"{named(key)} ({shown})" if shown else named(key))
+    cells = tuple(tuple(_cell(row.get(key), powers[key]) for key in keys) for row in rows)
+    return Grid(title, tuple(headings), cells)
+
+
+def _unit(unit: str, power: int) -> str:
+    return "" if unit == "1" else f"{PREFIXES[power]}{unit}"
+
+
+def _cell(value: Any, power: int) -> str:
+    if value is None:
+        return MISSING
+    if _is_measured(value):
+        return written(value["value"], value["standard_uncertainty"], power)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        return ", ".join(_cell(item, 0) for item in value) or MISSING
+    return str(value)

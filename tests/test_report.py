@@ -1,0 +1,191 @@
+"""The report: one page that stands alone, says where its data are from, and recomputes nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from small_run import begin, measure, outcome
+
+from belahil.config import BenchConfig, LimitsTable
+from belahil.errors import RefusedInput, StorageError
+from belahil.report import remake
+from belahil.report.tables import grids, one_text
+
+VOID = {"meta", "link", "img", "br", "hr", "input", "path", "use", "rect", "line", "stop"}
+
+
+class Reader(HTMLParser):
+    """Collects what a browser would load, the visible text, and whether every element is closed."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.text: list[str] = []
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        words = dict(attrs)
+        self.loads += [f"{tag} {words[key]}" for key in ("src", "href", "xlink:href") if words.get(key)]
+        self.ids += [words["id"] or ""] if "id" in words else []
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] not in ("style", "script"):
+            self.text.append(data)
+
+
+def page_of(folder: Path, config: BenchConfig | None = None, source: str = "emulated") -> str:
+    with begin(folder, config, source=source) as run:
+        measure(run, 3)
+        run.finish(outcome(), {"windows": "3"}, ["converter: no nonlinearity."])
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return page_of(tmp_path_factory.mktemp("report") / "run")
+
+
+def test_the_page_needs_nothing_but_itself(page: str) -> None:
+    reader = Reader(page)
+    assert [load for load in reader.loads if not load.split()[1].startswith("#")] == []
+    assert not re.search(r"url\((?!#)", page)
+    assert "@import" not in page
+    assert "<script" not in page
+    assert reader.open == []
+
+
+def test_the_page_tells_all_that_a_reader_asks(page: str) -> None:
+    text = " ".join(" ".join(Reader(page).text).split())
+    for part in (
+        "no verdict",
+        "best code 0",
+        "gain cutoff (MHz) order free order integer",
+        "5.193(12)",
+        "19.0123(35)",
+        "3.010(20)",
+        "not measurable",
+        "gain, code 0 source",
+        "[generator] uncertainty.amplitude_relative 0.0121 97.0 %",
+        "Room temperature was not recorded.",
+        "converter: no nonlinearity.",
+        "generator Agilent Technologies,33522B,EMULATED,0",
+        "seed 7",
+        "windows 3",
+        "numpy",
+        "Noise < 1 mV & more",
+        "belahil noise --bench bench.toml",
+        "[digitizer] driver",
+    ):
+        assert part in text
+
+
+@pytest.mark.parametrize(
+    ("source", "label"),
+    [("emulated", "EMULATED DATA"), ("simulated", "SIMULATED DATA"), ("hardware", None)],
+)
+def test_data_that_no_hardware_gave_say_so_on_page_and_figures(
+    tmp_path: Path, source: str, label: str | None
+) -> None:
+    page = page_of(tmp_path / "run", source=source)
+    assert re.findall(r"(\w+ DATA)", page.split("<svg")[0]) == ([label] * 3 if label else [])
+    # The label is drawn as outlines; matplotlib keeps the words in a comment beside each of the two.
+    drawing = (tmp_path / "run" / "figure-noise.svg").read_text()
+    assert re.findall(r"<!-- (\w+ DATA) -->", drawing) == ([label] * 2 if label else [])
+
+
+def test_figures_are_in_the_page_and_beside_it(tmp_path: Path) -> None:
+    page = page_of(tmp_path / "run")
+    drawing = (tmp_path / "run" / "figure-noise.svg").read_text()
+    assert drawing[drawing.index("<svg") :].strip() in page
+    assert (tmp_path / "run" / "figure-noise.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_equal_figures_give_equal_files(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        page_of(tmp_path / name)
+    for file in ("figure-noise.svg", "figure-noise.png"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_a_verdict_is_shown_with_its_checks(tmp_path: Path) -> None:
+    page = page_of(tmp_path / "run", BenchConfig(limits=LimitsTable(gain=(5.5, 6.0))))
+    text = " ".join(" ".join(Reader(page).text).split())
+    assert "Verdict fail limit of measured allowed decision gain code 0 5.193(12) 5.5 to 6 fail" in text
+    assert "code 1 \N{EN DASH} 5.5 to 6 undecided" in text
+
+
+def test_what_instruments_say_of_themselves_is_no_markup(tmp_path: Path) -> None:
+    with begin(tmp_path / "run", instruments={"generator": "<script>alert(1)</script>"}) as run:
+        run.finish(outcome(notes=["<b>bold</b>"]))
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "<script" not in page
+    assert "<b>" not in page
+    assert "&lt;script&gt;alert(1)" in page
+
+
+def test_a_page_is_made_again_from_the_files_alone(tmp_path: Path) -> None:
+    page = page_of(tmp_path / "run")
+    for name in ("report.html", "data.nc"):
+        (tmp_path / "run" / name).unlink()
+    assert remake(tmp_path / "run") == tmp_path / "run" / "report.html"
+    assert (tmp_path / "run" / "report.html").read_text(encoding="utf-8") == page
+
+
+def test_without_a_finished_run_there_is_no_report(tmp_path: Path) -> None:
+    with pytest.raises(RefusedInput, match="is it a run folder"):
+        remake(tmp_path)
+    begin(tmp_path / "run").close()
+    with pytest.raises(RefusedInput, match="continue it with --resume"):
+        remake(tmp_path / "run")
+
+
+@pytest.mark.parametrize("name", ["summary.json", "report.json", "figure-noise.svg", "bench.toml"])
+def test_a_missing_or_broken_file_is_told(tmp_path: Path, name: str) -> None:
+    page_of(tmp_path / "run")
+    path = tmp_path / "run" / name
+    for content in (b"{\xff", b"{"):
+        if name != "bench.toml" or content != b"{":  # which is shown as it is
+            path.write_bytes(content)
+            with pytest.raises(StorageError, match=re.escape(name)):
+                remake(tmp_path / "run")
+    if name != "summary.json":
+        path.unlink()
+        with pytest.raises(StorageError, match=re.escape(name)):
+            remake(tmp_path / "run")
+
+
+def test_results_of_any_shape_are_laid_out() -> None:
+    results = json.loads(
+        '{"clock": {"value": 12.3456, "standard_uncertainty": 0.123, "unit": "1"}, "empty": [],'
+        ' "interleave": {"gain": null,'
+        ' "skew": {"value": 4.2e-11, "standard_uncertainty": 1e-12, "unit": "s"}}'
+        ', "flags": [1, 2.5], "rows": [{"a": 1}, {"b": 2.5, "a": null}]}'
+    )
+    first, second = grids(results)
+    assert first.rows == (
+        ("clock", "12.35(12)"),
+        ("empty", "\N{EN DASH}"),
+        ("interleave gain", "\N{EN DASH}"),
+        ("interleave skew", "42.0(1.0) ps"),
+        ("flags", "1, 2.5"),
+    )
+    assert (second.columns, second.rows) == (("a", "b"), (("1", "\N{EN DASH}"), ("\N{EN DASH}", "2.5")))
+    assert one_text(None) == "\N{EN DASH}"
