@@ -1,0 +1,293 @@
+"""Fit of a Butterworth filter to measured gains.
+
+The model is `belahil.butterworth.magnitude` times a gain. Gain is linear, so each cut-off of a logarithmic
+grid has its best gain in closed form (variable projection, Golub and Pereyra 1973); the best grid point starts a
+least-squares fit in log parameters, which therefore needs no starting values from the user. The high-pass
+enters by ``q = f_h**2``, which the gains determine nearly linearly and without a wall at zero.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from belahil.butterworth import magnitude
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Status = Literal["ok", "too_few_points", "cutoff_not_identified"]
+Loss = Literal["linear", "soft_l1"]
+
+ORDERS = (1, 2, 3, 4, 5, 6)
+GRID_POINTS = 400
+HIGHPASS_SIGNIFICANCE = 3.0
+"""A high-pass counts as found when q exceeds this many of its standard uncertainties."""
+LOW_SPAN = 20.0
+"""Ratio of highest to lowest frequency from which on a high-pass is fitted."""
+BIRGE_PROBABILITY = 1e-3
+"""Below this chi-square probability the uncertainties are scaled by the Birge ratio (Birge 1932)."""
+IDENTIFIED = 0.2
+"""Largest relative standard uncertainty of a cut-off that is still reported."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shifts:
+    """Changes of a fit's parameters; gain in V/V, frequencies in Hz."""
+
+    gain: float
+    cutoff_hz: float
+    highpass_hz: float
+    order: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ButterworthFit:
+    """A fitted filter.
+
+    Parameters
+    ----------
+    status : str
+        "ok", "too_few_points" or "cutoff_not_identified"; numbers are for use with "ok" only, the gain also
+        with "cutoff_not_identified".
+    gain, cutoff_hz, order, highpass_hz : float
+        Pass-band gain (V/V), -3 dB frequencies, order; no high-pass: 0.
+    gain_u, cutoff_u_hz, order_u, highpass_u_hz : float
+        Standard uncertainties from those of the points; 0 for what was not fitted.
+    chi_square : float
+        Weighted sum of squares.
+    freedom : int
+        Degrees of freedom.
+    """
+
+    status: Status
+    gain: float
+    cutoff_hz: float
+    order: float
+    highpass_hz: float
+    gain_u: float
+    cutoff_u_hz: float
+    order_u: float
+    highpass_u_hz: float
+    chi_square: float
+    freedom: int
+    _pull: NDArray[np.float64]
+
+    def shape(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return gain relative to the pass band, shape of `frequency_hz`."""
+        return magnitude(frequency_hz, self.cutoff_hz, self.order, self.highpass_hz)
+
+    def shifts(self, relative: NDArray[np.float64]) -> Shifts:
+        """Return how the result moves, to first order, when each gain moves by a relative amount.
+
+        Parameters
+        ----------
+        relative : ndarray of float64, shape (n,)
+            One for each point of the fit, in their order.
+        """
+        gain, cutoff, order, q = self._pull @ relative
+        highpass = q / (2 * self.highpass_hz) if self.highpass_hz else 0.0
+        return Shifts(self.gain * gain, self.cutoff_hz * cutoff, highpass, self.order * order)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterFits:
+    """The filter by whole order and by free order.
+
+    Parameters
+    ----------
+    integer, free : ButterworthFit
+        The best whole order; a real order with its uncertainty.
+    chi_square_by_order : dict of int to float
+        For every whole order tried.
+    """
+
+    integer: ButterworthFit
+    free: ButterworthFit
+    chi_square_by_order: dict[int, float]
+
+
+def fit_filter(
+    frequency_hz: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    gain_u: NDArray[np.float64],
+    loss: Loss = "linear",
+) -> FilterFits:
+    """Fit gain, cut-off, order and, where the points show one, a high-pass.
+
+    Parameters
+    ----------
+    frequency_hz, gain, gain_u : ndarray of float64, shape (n,)
+        Points with standard uncertainties, in any order; several amplitudes may share a frequency.
+    loss : {"linear", "soft_l1"}
+        The second is for records with outliers (Charbonnier's smooth absolute value).
+
+    Returns
+    -------
+    FilterFits
+        A status instead of numbers where the points cannot tell.
+    """
+    tell = _can_tell_highpass(frequency_hz)
+    whole = {order: _fit(frequency_hz, gain, gain_u, order, tell, loss) for order in ORDERS}
+    best = min(ORDERS, key=lambda order: whole[order].chi_square)
+    free = _fit(frequency_hz, gain, gain_u, None, tell, loss, start_order=float(best))
+    return FilterFits(whole[best], free, {order: one.chi_square for order, one in whole.items()})
+
+
+def _can_tell_highpass(frequency_hz: NDArray[np.float64]) -> bool:
+    """Tell whether a high-pass can be told from a gain, which needs points far below the others.
+
+    Where it can, it stays in the model even when it is not significant: leaving it out would push what the
+    lowest points show into the gain.
+    """
+    lowest = frequency_hz.min()
+    return bool(frequency_hz.max() > LOW_SPAN * lowest and np.unique(frequency_hz).size >= 5)
+
+
+def _fit(
+    frequency: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    gain_u: NDArray[np.float64],
+    order: int | None,
+    highpass: bool,
+    loss: Loss,
+    start_order: float = 3.0,
+) -> ButterworthFit:
+    from scipy.optimize import least_squares
+
+    count = 2 + (order is None) + highpass
+    if frequency.size <= count or np.unique(frequency).size < count:
+        return _no_fit("too_few_points", frequency.size)
+    lowest = float(frequency.min())
+    shape_order = start_order if order is None else float(order)
+    gain0, cutoff0 = _grid_start(frequency, gain, gain_u, shape_order)
+    start = np.array([math.log(gain0), math.log(cutoff0)])
+    if order is None:
+        start = np.append(start, math.log(shape_order))
+    if highpass:
+        start = np.append(start, 0.0)
+    free = [True, True, order is None, highpass]
+
+    def model(parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return _model(_whole(parameters, free, shape_order), frequency, lowest)
+
+    low = np.full(start.size, -np.inf)
+    if highpass:
+        low[-1] = -0.5  # q may fall below zero by chance, but never so far that a gain would be infinite
+    solved = least_squares(
+        lambda one: (model(one)[0] - gain) / gain_u,
+        start,
+        jac=lambda one: (model(one)[1] / gain_u)[free].T,
+        bounds=(low, np.inf),
+        loss=loss,
+        x_scale="jac",
+        xtol=1e-12,
+        ftol=1e-12,
+        gtol=1e-12,
+    )
+    found = _whole(solved.x, free, shape_order)
+    return _described(found, free, frequency, gain, gain_u, lowest, 2 * float(solved.cost))
+
+
+def _whole(parameters: NDArray[np.float64], free: list[bool], order: float) -> NDArray[np.float64]:
+    found = np.array([0.0, 0.0, math.log(order), 0.0])
+    found[free] = parameters
+    return found
+
+
+def _model(
+    parameters: NDArray[np.float64], frequency: NDArray[np.float64], lowest: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return gains (n,) and derivatives (4, n) for (ln G, ln f_c, ln order, q / lowest**2)."""
+    log_gain, log_cutoff, log_order, q = parameters
+    order = math.exp(log_order)
+    power = 2 * order * (np.log(frequency) - log_cutoff)
+    share = np.exp(-np.logaddexp(0.0, -power))
+    squared = (lowest / frequency) ** 2
+    gains = np.exp(log_gain - 0.5 * np.logaddexp(0.0, power)) / np.sqrt(1 + q * squared)
+    slopes = np.stack(
+        [np.ones_like(frequency), order * share, -0.5 * share * power, -0.5 * squared / (1 + q * squared)]
+    )
+    return gains, slopes * gains
+
+
+def _grid_start(
+    frequency: NDArray[np.float64], gain: NDArray[np.float64], gain_u: NDArray[np.float64], order: float
+) -> tuple[float, float]:
+    cutoffs = np.geomspace(frequency.min() / 4, frequency.max() * 8, GRID_POINTS)
+    power = 2 * order * (np.log(frequency)[None, :] - np.log(cutoffs)[:, None])
+    shapes = np.exp(-0.5 * np.logaddexp(0.0, power)) / gain_u
+    gains = shapes @ (gain / gain_u) / np.sum(shapes**2, axis=1)
+    misfit = np.sum((gains[:, None] * shapes - gain / gain_u) ** 2, axis=1)
+    best = int(np.argmin(np.where(gains > 0, misfit, np.inf)))
+    return max(float(gains[best]), 1e-300), float(cutoffs[best])
+
+
+def _described(
+    found: NDArray[np.float64],
+    free: list[bool],
+    frequency: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    gain_u: NDArray[np.float64],
+    lowest: float,
+    chi_square: float,
+) -> ButterworthFit:
+    gains, slopes = _model(found, frequency, lowest)
+    jacobian = (slopes / gain_u)[free].T
+    # Scaled columns: the covariance of a well-posed fit must not depend on units.
+    scale = np.linalg.norm(jacobian, axis=0)
+    if not np.all(scale > 0) or np.linalg.cond(jacobian / scale) > 1e8:
+        return _no_fit("cutoff_not_identified", frequency.size, math.exp(found[0]), chi_square)
+    inverse = np.linalg.pinv(jacobian / scale) / scale[:, None]
+    freedom = frequency.size - jacobian.shape[1]
+    covariance = inverse @ inverse.T * _birge(chi_square, freedom)
+    spread = np.zeros(4)
+    spread[free] = np.sqrt(np.diag(covariance))
+    pull = np.zeros((4, frequency.size))
+    pull[free] = inverse * (gains / gain_u)
+    q, q_u = found[3] * lowest**2, spread[3] * lowest**2
+    pull[3] *= lowest**2
+    highpass = math.sqrt(q) if q > HIGHPASS_SIGNIFICANCE * q_u > 0 else 0.0
+    cutoff = math.exp(min(found[1], 700.0))
+    return ButterworthFit(
+        status="ok" if spread[1] <= IDENTIFIED else "cutoff_not_identified",
+        gain=math.exp(found[0]),
+        cutoff_hz=cutoff,
+        order=math.exp(found[2]),
+        highpass_hz=highpass,
+        gain_u=math.exp(found[0]) * spread[0],
+        cutoff_u_hz=cutoff * spread[1],
+        order_u=math.exp(found[2]) * spread[2],
+        highpass_u_hz=q_u / (2 * highpass) if highpass else 0.0,
+        chi_square=chi_square,
+        freedom=freedom,
+        _pull=pull,
+    )
+
+
+def _birge(chi_square: float, freedom: int) -> float:
+    from scipy.special import gammaincc
+
+    if freedom < 1 or gammaincc(freedom / 2, chi_square / 2) >= BIRGE_PROBABILITY:
+        return 1.0
+    return chi_square / freedom
+
+
+def _no_fit(status: Status, count: int, gain: float = 0.0, chi_square: float = math.inf) -> ButterworthFit:
+    return ButterworthFit(
+        status=status,
+        gain=gain,
+        cutoff_hz=0.0,
+        order=0.0,
+        highpass_hz=0.0,
+        gain_u=0.0,
+        cutoff_u_hz=0.0,
+        order_u=0.0,
+        highpass_u_hz=0.0,
+        chi_square=chi_square,
+        freedom=0,
+        _pull=np.zeros((4, count)),
+    )
