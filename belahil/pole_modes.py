@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 # A pair closer than this loses two digits in its weights; a circle must keep 1/8 of the way to other poles
-# and hold its own within 1/8 of its radius, so that 16 points leave 8^-16 = 4e-15.
+# and hold its own within 1/8 of its radius, so that 16 points leave 8^-16 = 4e-15. It is at most 1/8 of
+# the decay rate either: the rule leaves (radius t)^16 / 16! of e^(pole t), 4e-16 at the worst time.
 _GAP, _RATIO, _POINTS = 1e-2, 8.0, 16
 
 
@@ -88,7 +89,7 @@ def modes(ordered: tuple[complex, ...], zeros: int) -> tuple[tuple[complex, comp
         if own_conjugate:
             centre = complex(centre.real)
         others = [abs(pole - centre) for pole in ordered if pole not in cluster]
-        radius = min([-centre.real / 2, *(distance / _RATIO for distance in others)])
+        radius = min([-centre.real / _RATIO, *(distance / _RATIO for distance in others)])
         for k in range(_POINTS // 2 if own_conjugate else _POINTS):
             arm = cmath.rect(radius, 2 * math.pi * (k + 0.5) / _POINTS)
             weight = 2 * complex(transfer(ordered, zeros, centre + arm)) * arm / _POINTS

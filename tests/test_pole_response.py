@@ -91,7 +91,9 @@ def exact_response(
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-14, 1e-10, 1e-7, 1e-5, 0.9e-3, 0.9e-2, 1.1e-2, 0.1])
-@pytest.mark.parametrize("kind", ["real pair", "conjugate pair", "double pairs", "triple", "slow pair"])
+@pytest.mark.parametrize(
+    "kind", ["real pair", "conjugate pair", "double pairs", "triple", "slow pair", "lonely pair"]
+)
 def test_coincident_poles_lose_nothing(gap: float, kind: str) -> None:
     # Given poles that approach each other down to equality
     upper = complex(-0.5, 0.75)
@@ -104,6 +106,7 @@ def test_coincident_poles_lose_nothing(gap: float, kind: str) -> None:
         ),
         "triple": ([-0.8, -0.8 * (1 + gap), -0.8 * (1 + 2 * gap), -0.05], 1),
         "slow pair": ([-1e-3, -1e-3 * (1 + gap), -0.8], 2),
+        "lonely pair": ([-0.8, -0.8 * (1 + gap)], 0),
     }[kind]
     # (With gap 0 the two of a conjugate pair are one real double pole.)
     pulse = [0.3, 1.0, -0.4, 0.7]
