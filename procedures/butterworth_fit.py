@@ -1,9 +1,9 @@
 """Fit of a Butterworth filter to measured gains.
 
 The model is `belahil.butterworth.magnitude` times a gain. Gain is linear, so each cut-off of a logarithmic
-grid has its best gain in closed form (variable projection, Golub and Pereyra 1973); the best grid point starts a
-least-squares fit in log parameters, which therefore needs no starting values from the user. The high-pass
-enters by ``q = f_h**2``, which the gains determine nearly linearly and without a wall at zero.
+grid has its best gain in closed form (variable projection, Golub and Pereyra 1973); the best grid point
+starts a least-squares fit in log parameters, which therefore needs no starting values from the user. The
+high-pass enters by ``q = f_h**2``, which the gains determine nearly linearly and without a wall at zero.
 """
 
 from __future__ import annotations
@@ -171,16 +171,19 @@ def _fit(
         start = np.append(start, 0.0)
     free = [True, True, order is None, highpass]
 
-    def model(parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return _model(_whole(parameters, free, shape_order), frequency, lowest)
+    def misfit(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (_model(_whole(parameters, free, shape_order), frequency, lowest)[0] - gain) / gain_u
+
+    def slopes(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (_model(_whole(parameters, free, shape_order), frequency, lowest)[1] / gain_u)[free].T
 
     low = np.full(start.size, -np.inf)
     if highpass:
         low[-1] = -0.5  # q may fall below zero by chance, but never so far that a gain would be infinite
     solved = least_squares(
-        lambda one: (model(one)[0] - gain) / gain_u,
+        misfit,
         start,
-        jac=lambda one: (model(one)[1] / gain_u)[free].T,
+        jac=slopes,
         bounds=(low, np.inf),
         loss=loss,
         x_scale="jac",
