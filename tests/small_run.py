@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from belahil.config import BenchConfig, emulated
 from belahil.outcome import BudgetLine, Outcome, Table
 from belahil.run import Run
 from belahil.stimuli import NoSignal, Sine
 from belahil.values import Estimate, RangeWindow, Shot, WindowRequest
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SAMPLES = 200
 INSTRUMENTS = {
@@ -70,6 +72,8 @@ def measure(run: Run, count: int) -> list[int]:
 
 
 def figure() -> Figure:
+    from matplotlib.figure import Figure
+
     drawn = Figure(figsize=(4, 3), layout="constrained")
     drawn.set_label("Noise < 1 mV & more")
     drawn.subplots().plot([0, 1, 2], [1, 3, 2])

@@ -1,0 +1,87 @@
+"""``belahil bench``: write a bench file, show what there is, try a bench out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from belahil.cli.options import version_option
+
+if TYPE_CHECKING:
+    from belahil.config import BenchConfig
+
+
+@click.group("bench", short_help="Write, show or try out a bench.")
+@version_option
+def command() -> None:
+    """Bench files and benches."""
+
+
+@command.command("new")
+@click.argument("file", type=click.Path(path_type=Path), default=Path("bench.toml"))
+@click.option("--driver", default="keysight-33500", show_default=True, help="Driver of the generator.")
+@click.option("--address", default="emulated", show_default=True, help="Generator: a VISA resource name.")
+@click.option("--link", help="Digitizer: its link; by default of the same kind as the address.")
+@click.option("--receiver", default="bela-grm", show_default=True, help="Preset of the receiver.")
+def new(file: Path, driver: str, address: str, link: str | None, receiver: str) -> int:
+    """Write a bench FILE (bench.toml) with every key, its default and a comment."""
+    from belahil.cli.bench_file import bench_file
+    from belahil.config import parse_bench
+    from belahil.errors import RefusedInput
+    from belahil.storage import write_whole
+
+    if link is None:
+        kinds = {"emulated": "emulated:serial", "simulated": "simulated"}
+        if address not in kinds:
+            raise click.UsageError(f"--address {address} needs --link too, for example serial:COM3")
+        link = kinds[address]
+    text = bench_file(driver, address, link, receiver)
+    parse_bench(text, str(file))
+    if file.exists():
+        raise RefusedInput(f"{file}: is there already; give another name")
+    write_whole(file, text)
+    print(f"bench file: {file}; try it with: belahil bench check --bench {file}")
+    return 0
+
+
+@command.command("show")
+@click.argument("file", required=False, metavar="[FILE|emulated|simulated]")
+def show(file: str | None) -> int:
+    """List drivers, models with their limits, receivers and links; with FILE, say what that bench is."""
+    from belahil.cli.bench_shown import catalogue, described
+    from belahil.config import load_bench
+
+    print(catalogue() if file is None else described(load_bench(file)))
+    return 0
+
+
+@command.command("check")
+@click.option("--bench", metavar="FILE|emulated|simulated", help="The bench; emulated when left out.")
+@click.option("--address", help="Generator, in place of the bench file's.")
+@click.option("--link", help="Digitizer, in place of the bench file's.")
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Goes before [emulation] seed.")
+def check(bench: str | None, address: str | None, link: str | None, seed: int | None) -> int:
+    """Ask both instruments who they are, and play a sine through the receiver.
+
+    Status 3 when an instrument does not answer or the sine does not come back.
+    """
+    from belahil.bench import open_bench
+    from belahil.cli.bench_tried import tried
+    from belahil.config import load_bench
+
+    with open_bench(_placed(load_bench(bench or "emulated"), address, link), seed=seed) as opened:
+        for line in tried(opened):
+            print(line, flush=True)
+    return 0
+
+
+def _placed(config: BenchConfig, address: str | None, link: str | None) -> BenchConfig:
+    from msgspec.structs import replace
+
+    return replace(
+        config,
+        generator=replace(config.generator, address=address or config.generator.address),
+        digitizer=replace(config.digitizer, link=link or config.digitizer.link),
+    )

@@ -1,0 +1,116 @@
+"""The text of a new bench file: every key with its default and what it means."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+
+from belahil.receiver import receiver_preset
+
+_BENCH = """\
+# A bench for belahil. Any table and any key may be left out and then has the value shown here.
+
+[bench]
+trigger = "generator"        # who starts the window of a pulse: generator | digitizer
+trigger_delay_s = 0.0        # from that trigger to the window, or to the generator's output
+settle_s = 0.0               # wait after each change of the stimulus
+
+[generator]
+driver = {driver}   # `belahil bench show` lists them
+address = {address}         # emulated | simulated | a VISA resource name
+visa_library = ""            # empty: PyVISA chooses
+load_ohm = 50                # the generator's load setting; inf is allowed
+attenuation_db = 0.0         # matched 50-ohm pad between generator and cut
+max_vpp = 0.5                # interlock: largest span at the cut, offset included
+# Declared standard uncertainties, taken into every budget: of the amplitude (relative, and in V peak to peak
+# of the setting), of its change between DC and 40 MHz, and of the attenuator.
+uncertainty = {{ amplitude_relative = 0.0, amplitude_v = 0.0, flatness_relative = 0.0, attenuation_db = 0.0 }}
+
+[digitizer]
+driver = "grm"
+link = {link}     # emulated:serial | emulated:usb | simulated | serial:COM3
+                             # serial:///dev/ttyUSB0?baud=921600 | socket://host:port | usb:VID:PID[:SERIAL]
+receiver = {receiver}        # preset of the design
+input_ohm = 50               # inf is allowed
+"""
+
+_EMULATION = """
+# The truth that the emulation hides. A procedure never reads it: it measures.
+[emulation]
+seed = 1
+
+[emulation.generator]        # bits and sample_rate_hz: those of the driver's model when left out
+amplitude_error = 0.0        # relative
+flatness = 0.0               # relative change of the amplitude from DC to 40 MHz, linear in frequency
+bandwidth_hz = inf
+
+[emulation.receiver]
+cutoff_hz = {cutoff_hz}
+order = {order}
+highpass_hz = 0.0            # 0: none
+# V/V from the cut to the converter, by gain code, mean of the two converters
+gain_by_code = [{gain_by_code}]
+# rms at the converter before quantization, coloured by the receiver's filter
+noise_rms_v_by_code = [{noise_by_code}]
+small_signal = {{ cubic_per_v2 = 0.0, deadband_v = 0.0 }}   # on the filtered voltage at the cut
+adc_full_scale_v = {full_scale_v}       # the whole span; clips at both ends
+adc_bits = {bits}
+clock_ppm = 0.0              # above zero: the receiver's clock is fast
+interleave = {{ gain = 0.0, offset_v = 0.0, skew_s = 0.0 }}   # even samples plus half, odd minus half
+input_ohm = 50
+
+[emulation.transmitter]      # the laser's own pulse through the fibre, at the cut (assumed)
+pulse = "tailed"             # gaussian | tailed | table
+fwhm_s = 5.4e-9
+tail_s = 3.0e-9
+table = ""                   # file of time_s, relative power
+threshold = 0.17
+cut = "hard"                 # hard | soft
+cut_width = 0.0              # part of the peak
+peak_v = 20e-3               # before the receiver's filter
+energy_jitter = 0.014
+"""
+
+_LIMITS = """
+# With this table a run has a verdict: pass, fail or undecided.
+# [limits]
+# gain = [4.9, 5.5]              # V/V, at every gain code that is measured
+# cutoff_hz = [18.0e6, 20.0e6]
+# highpass_hz = [0.0, 20.0e3]
+# noise_rms_v = [0.0, 1.0e-3]
+# input_noise_rms_v = [0.0, 0.2e-3]
+"""
+
+
+def bench_file(driver: str, address: str, link: str, receiver: str) -> str:
+    """Write a bench file with comments; the emulation's tables only where they are read.
+
+    Parameters
+    ----------
+    driver, address : str
+        As in ``[generator]``.
+    link, receiver : str
+        As in ``[digitizer]``.
+
+    Raises
+    ------
+    ConfigError
+        No such receiver.
+    """
+    spec = receiver_preset(receiver)
+    words = {"driver": driver, "address": address, "link": link, "receiver": receiver}
+    text = _BENCH.format(**{key: json.dumps(word) for key, word in words.items()})
+    if address in ("emulated", "simulated"):
+        text += _EMULATION.format(
+            cutoff_hz=f"{spec.cutoff_hz:.6g}",
+            order=spec.order,
+            gain_by_code=_row(spec.gain_by_code),
+            noise_by_code=_row(spec.noise_rms_v_by_code),
+            full_scale_v=spec.adc_full_scale_v,
+            bits=spec.digitizer.bits,
+        )
+    return text + _LIMITS
+
+
+def _row(numbers: Iterable[float]) -> str:
+    return ", ".join(repr(number) for number in numbers)

@@ -1,0 +1,76 @@
+"""What ``belahil bench show`` prints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from belahil.generators import FAMILIES, MODELS
+from belahil.receiver import RECEIVERS
+from belahil.uncertainty import PREFIXES, prefix_power
+
+if TYPE_CHECKING:
+    from belahil.config import BenchConfig
+    from belahil.receiver import ReceiverSpec
+
+LINKS = (
+    ("emulated:serial", "the emulated receiver behind pyserial"),
+    ("emulated:usb", "the emulated receiver behind pyusb"),
+    ("simulated", "the receiver's model without any link"),
+    ("serial:COM3", "a serial port; serial:///dev/ttyUSB0?baud=921600 sets the rate too"),
+    ("socket://host:port", "a serial line over TCP"),
+    ("usb:VID:PID[:SERIAL]", "USB bulk, numbers in hexadecimal"),
+)
+
+
+def catalogue() -> str:
+    """List generator drivers with their models, receivers and links."""
+    lines = ["generators ([generator] driver):"]
+    for family, names in FAMILIES.items():
+        lines.append(f"  {family}")
+        for name in names:
+            model = MODELS[name]
+            lines.append(
+                f"    {name}: sine up to {_si(model.max_sine_hz, 'Hz')}, waveforms of {model.min_points} to "
+                f"{model.max_points} points at up to {_si(model.max_arb_rate_hz, 'Sa/s')}, "
+                f"{model.dac_bits} bit, {_si(model.min_amplitude_vpp, 'Vpp')} to "
+                f"{_si(2 * model.max_peak_v, 'Vpp')} into 50 ohm"
+            )
+    lines += ["digitizers ([digitizer] driver):", "  grm: the GRM link, docs/grm-link.md"]
+    lines += ["receivers ([digitizer] receiver):", *(f"  {_receiver(spec)}" for spec in RECEIVERS.values())]
+    lines += ["links ([digitizer] link):", *(f"  {link}: {what}" for link, what in LINKS)]
+    return "\n".join(lines)
+
+
+def described(config: BenchConfig) -> str:
+    """Say what one bench is."""
+    generator, digitizer = config.generator, config.digitizer
+    lines = [
+        f"{config.source} bench",
+        f"generator: {generator.driver} at {generator.address}, set to {generator.load_ohm:g} ohm, "
+        f"{generator.attenuation_db:g} dB to the cut, at most {generator.max_vpp:g} Vpp there",
+        f"digitizer: {digitizer.driver} at {digitizer.link}, {digitizer.input_ohm:g} ohm",
+        f"receiver: {_receiver(RECEIVERS[digitizer.receiver])}",
+        f"trigger: {config.bench.trigger}",
+    ]
+    limits = config.limits
+    if limits is None:
+        return "\n".join([*lines, "limits: none, so that a run has no verdict"])
+    spans = {key: getattr(limits, key) for key in limits.__struct_fields__}
+    told = ", ".join(f"{key} {span[0]:g} to {span[1]:g}" for key, span in spans.items() if span is not None)
+    return "\n".join([*lines, f"limits: {told}"])
+
+
+def _receiver(spec: ReceiverSpec) -> str:
+    digitizer = spec.digitizer
+    codes = len(digitizer.gain_codes or ())
+    return (
+        f"{spec.name}: {digitizer.converters} converters of {digitizer.bits} bit at "
+        f"{_si(digitizer.sample_rate_hz, 'Sa/s')} in all, windows of up to "
+        f"{digitizer.max_sample_count} samples, "
+        f"{codes or 'no'} gain codes, order {spec.order}, cut-off {_si(spec.cutoff_hz, 'Hz')}"
+    )
+
+
+def _si(value: float, unit: str) -> str:
+    power = prefix_power(value, unit)
+    return f"{value / 10**power:g} {PREFIXES[power]}{unit}"

@@ -1,0 +1,59 @@
+"""``belahil characterize``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from belahil.cli.options import Codes, Decimals, common, common_options
+
+
+@click.command("characterize", short_help="Gain, cut-off and noise by gain code, and the best code.")
+@click.option("--codes", type=Codes(), metavar="0-15|4,5", help="Gain codes; all when left out.")
+@click.option(
+    "--amplitudes-mvpp",
+    "amplitudes_vpp",
+    type=Decimals(-3),
+    metavar="LIST",
+    help="Amplitudes at the cut, mV peak to peak.",
+)
+@click.option(
+    "--frequencies-mhz", "frequencies_hz", type=Decimals(6), metavar="LIST", help="Frequencies, MHz."
+)
+@click.option(
+    "--dark-windows", type=click.IntRange(min=1), metavar="N", help="Windows without a signal, for each code."
+)
+@common_options
+def command(
+    codes: tuple[int, ...] | None,
+    amplitudes_vpp: tuple[float, ...] | None,
+    frequencies_hz: tuple[float, ...] | None,
+    dark_windows: int | None,
+    **given: Any,
+) -> int:
+    """Measure gain, cut-off and noise of a receiver by its gain codes, and find the best code.
+
+    Sines over gain codes, amplitudes and frequencies, and windows without a signal.
+    """
+    from belahil.cli.measuring import Job, perform
+
+    chosen = {
+        "codes": codes,
+        "amplitudes_vpp": amplitudes_vpp,
+        "frequencies_hz": frequencies_hz,
+        "dark_windows": dark_windows,
+    }
+    return perform(Job("characterize", "GainOptions", _lines), common(**given), chosen)
+
+
+def _lines(results: dict[str, Any]) -> list[str]:
+    from belahil.report.tables import one_text
+
+    best = next((row for row in results["gain_codes"] if row["code"] == results["best_code"]), None)
+    if best is None or results["best_code"] is None:
+        return ["no gain code could be characterized; the report says why"]
+    return [
+        f"best gain code: {best['code']} (gain {one_text(best['gain'])}, cut-off {one_text(best['cutoff'])}, "
+        f"input noise {one_text(best['input_noise_rms'])})"
+    ]

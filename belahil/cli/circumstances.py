@@ -1,0 +1,50 @@
+"""What a report tells of a measurement beside its results."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import sys
+from typing import TYPE_CHECKING
+
+from belahil.provenance import command_line
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from belahil.run import Run
+
+MARK = "What this does not model:"
+
+
+def conditions(run: Run) -> dict[str, str]:
+    """Circumstances of a run, by name."""
+    bench, generator, digitizer = run.config.bench, run.config.generator, run.config.digitizer
+    return {
+        "windows": str(len(run.shots())),
+        "options": json.dumps(run.begun.options),
+        "command": command_line(),
+        "between generator and cut": f"load setting {generator.load_ohm:g} ohm, attenuation "
+        f"{generator.attenuation_db:g} dB, input resistance of the receiver {digitizer.input_ohm:g} ohm",
+        "interlock": f"max_vpp = {generator.max_vpp:g} at the cut",
+        "timing": f"trigger by the {bench.trigger}, {bench.settle_s:g} s after each change of the stimulus",
+    }
+
+
+def not_modelled() -> list[str]:
+    """What the emulation at work leaves out, in the words of each part of it that is loaded."""
+    rooms = sorted(name for name in sys.modules if name.startswith("sim."))
+    return [
+        f"{name.removeprefix('sim.').replace('_', ' ')}: {paragraph}"
+        for name in rooms
+        for paragraph in _paragraphs(name)
+    ]
+
+
+def _paragraphs(name: str) -> Iterator[str]:
+    module = sys.modules[name]
+    own = [thing for thing in vars(module).values() if getattr(thing, "__module__", None) == name]
+    for thing in [module, *filter(inspect.isclass, own)]:
+        _, mark, after = (inspect.getdoc(thing) or "").partition(MARK)
+        if mark:
+            yield " ".join(after.split("\n\n")[0].split())

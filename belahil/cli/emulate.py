@@ -1,0 +1,90 @@
+"""``belahil emulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from belahil.cli.options import version_option
+
+if TYPE_CHECKING:
+    from belahil.config import BenchConfig
+
+
+@click.command("emulate", short_help="Serve an emulated bench to other processes.")
+@click.option("--bench", metavar="FILE|emulated", default="emulated", help="Its [emulation] is the truth.")
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Goes before [emulation] seed.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
+@click.option("--scpi-port", type=click.IntRange(0, 65535), default=0, help="Port of the generator; 0: any.")
+@click.option("--link-port", type=click.IntRange(0, 65535), default=0, help="Port of the receiver; 0: any.")
+@click.option("--pty", is_flag=True, help="Offer the receiver at a pseudo-terminal too (not on Windows).")
+@click.option(
+    "--client",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write a bench file with which another process measures this bench.",
+)
+@version_option
+def command(
+    bench: str,
+    seed: int | None,
+    host: str,
+    scpi_port: int,
+    link_port: int,
+    pty: bool,
+    client: Path | None,
+) -> int:
+    """Serve the instruments of an emulated bench over TCP until Ctrl-C or SIGTERM; the status is 0 then.
+
+    Prints where they are, and a bench file for the process that measures them. The truth stays here.
+    """
+    from msgspec.structs import replace
+
+    from belahil.config import load_bench
+    from belahil.storage import write_whole
+    from sim.transports.server import Served, serve
+
+    config = load_bench(bench)
+    if seed is not None:
+        config = replace(config, emulation=replace(config.emulation, seed=seed))
+
+    def announce(served: Served) -> None:
+        text = client_file(config, served.address, served.link)
+        if client is not None:
+            write_whole(client, text)
+        print(f"# generator: {served.address}\n# receiver:  {served.link}")
+        if served.pty_link:
+            print(f"# receiver:  {served.pty_link}")
+        print(
+            f"# a bench file for another process{f', written to {client}' if client else ''}:\n{text}",
+            flush=True,
+        )
+
+    serve(config, announce, host=host, scpi_port=scpi_port, link_port=link_port, pty=pty)
+    return 0
+
+
+def client_file(config: BenchConfig, address: str, link: str) -> str:
+    """Write the bench file of a client: the same bench, elsewhere, without its truth.
+
+    Parameters
+    ----------
+    config : BenchConfig
+        What is served.
+    address, link : str
+        Where.
+    """
+    import tomllib
+
+    import tomli_w
+
+    from belahil.config import as_toml
+
+    tables = tomllib.loads(as_toml(config))
+    del tables["emulation"]
+    # "@py" is PyVISA-py, which speaks TCP without a vendor's library.
+    tables["generator"] |= {"address": address, "visa_library": "@py"}
+    tables["digitizer"] |= {"link": link}
+    return tomli_w.dumps(tables)

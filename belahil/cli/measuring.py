@@ -1,0 +1,186 @@
+"""The course of every measuring command: bench, plan, run folder, shots, analysis, results."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import time
+import traceback
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from belahil.cli import signals
+from belahil.cli.progress import shown
+from belahil.errors import BelahilError, RefusedInput
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from belahil.bench import Bench
+    from belahil.cli.options import Common
+    from belahil.run import Run
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A measuring command.
+
+    Parameters
+    ----------
+    procedure : str
+        Module in ``procedures`` and name in the summary.
+    options_type : str
+        Name of its class of options.
+    lines : callable
+        Turns the results into the lines that a reader of the terminal wants.
+    """
+
+    procedure: str
+    options_type: str
+    lines: Callable[[dict[str, Any]], list[str]]
+
+
+def perform(job: Job, given: Common, chosen: Mapping[str, Any]) -> int:
+    """Measure, or continue to measure, and tell the results.
+
+    Parameters
+    ----------
+    job : Job
+        What to do.
+    given : Common
+        The common options.
+    chosen : mapping
+        The procedure's own options; None where the user said nothing.
+
+    Returns
+    -------
+    int
+        0 passed or no verdict asked, 1 failed or undecided.
+    """
+    if given.resume is None:
+        summary, folder = _measure_new(job, given, chosen)
+    else:
+        summary, folder = _measure_on(job, given, given.resume)
+    if given.json:
+        sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
+    elif not given.quiet:
+        for line in [*job.lines(summary["results"]), f"verdict: {summary['verdict']}"]:
+            print(line)
+        print(f"report: {folder / 'report.html'}")
+    return 0 if summary["verdict"] in ("pass", "none") else 1
+
+
+def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[dict[str, Any], Path]:
+    from belahil.bench import open_bench
+    from belahil.run import Run
+    from belahil.run_folder import refuse_used
+
+    folder = given.out or _dated(job.procedure)
+    refuse_used(folder)
+    procedure = importlib.import_module(f"procedures.{job.procedure}")
+    options = _options(procedure, job, {key: value for key, value in chosen.items() if value is not None})
+    with ExitStack() as stack:
+        with open_bench(given.bench or "emulated", seed=given.seed) as bench:
+            plan = procedure.plan(bench, options)
+            run = Run.create(
+                folder,
+                job.procedure,
+                bench.config,
+                asdict(options),
+                bench.config.emulation.seed,
+                plan=plan.as_json(),
+                instruments=bench.identities,
+                source=_source(bench),
+            )
+            stack.enter_context(run)
+            stack.enter_context(_noted(run))
+            if given.out is None and not given.json:
+                print(f"run folder: {folder}", flush=True)
+            _measure(procedure, bench, run, plan, given)
+        return _finish(procedure, run, plan), folder
+
+
+def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], Path]:
+    from belahil.bench import open_bench
+    from belahil.run import Run
+    from belahil.run_folder import read_json
+
+    with Run.resume(folder) as run:
+        if run.begun.procedure != job.procedure:
+            raise RefusedInput(
+                f"--resume {folder}: holds a run of {run.begun.procedure}; "
+                f"use belahil {run.begun.procedure} --resume {folder}"
+            )
+        if run.finished:
+            return read_json(folder / "summary.json"), folder
+        procedure = importlib.import_module(f"procedures.{job.procedure}")
+        with _noted(run):
+            with open_bench(run.config) as bench:
+                plan = procedure.plan(bench, _options(procedure, job, run.begun.options))
+                run.confirm(plan.as_json(), bench.identities)
+                _measure(procedure, bench, run, plan, given)
+            return _finish(procedure, run, plan), folder
+
+
+def _dated(procedure: str) -> Path:
+    return Path(f"belahil-{procedure}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}")
+
+
+def _options(procedure: Any, job: Job, told: Mapping[str, Any]) -> Any:
+    from msgspec import convert
+
+    return convert(dict(told), getattr(procedure, job.options_type))
+
+
+def _source(bench: Bench) -> str:
+    """Tell emulated instruments behind a real address by the name that they give themselves."""
+    named = " ".join(bench.identities.values()).lower()
+    return "emulated" if bench.source == "hardware" and "emulat" in named else bench.source
+
+
+def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -> None:
+    begun = time.monotonic()
+    with signals.deferred(), shown(given.quiet, kept=len(run.shots())) as progress:
+        procedure.measure(bench, run, plan, progress)
+    signals.check()
+    if run.measured:
+        each_ms = 1e3 * (time.monotonic() - begun) / run.measured
+        pace = (
+            f"{run.measured} windows, {each_ms:.2f} ms each, "
+            f"of which {1e3 * run.fsync_s / run.measured:.2f} ms waiting for the disk"
+        )
+        run.log(pace)
+        if not given.quiet:
+            print(pace, file=sys.stderr)
+
+
+def _finish(procedure: Any, run: Run, plan: Any) -> dict[str, Any]:
+    from belahil.cli.circumstances import conditions, not_modelled
+
+    outcome = procedure.analyse(plan, run.shots(), run.config)
+    return run.finish(outcome, conditions(run), not_modelled())
+
+
+@contextmanager
+def _noted(run: Run) -> Iterator[None]:
+    """Write what went wrong into the log, and say on the error how to go on."""
+    try:
+        yield
+    except BaseException as error:
+        kept = (
+            f"{len(run.shots())} shots are kept; "
+            f"continue with: belahil {run.begun.procedure} --resume {run.folder}"
+        )
+        if isinstance(error, signals.Interrupted):
+            run.log("interrupted")
+            error.add_note(kept)
+        elif isinstance(error, BelahilError):
+            run.log(f"stopped: {error}")
+            error.add_note(kept)
+        else:
+            run.log("internal error\n" + traceback.format_exc())
+            error.add_note(f"traceback in {run.folder / 'log.txt'}; {kept}")
+        raise

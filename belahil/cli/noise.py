@@ -1,0 +1,27 @@
+"""``belahil noise``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from belahil.cli.options import Codes, common, common_options
+
+
+@click.command("noise", short_help="Dark noise by gain code.")
+@click.option("--codes", type=Codes(), metavar="0-15|4,5", help="Gain codes; all when left out.")
+@click.option("--windows", type=click.IntRange(min=1), metavar="N", help="Windows for each code.")
+@common_options
+def command(codes: tuple[int, ...] | None, windows: int | None, **given: Any) -> int:
+    """Measure the noise of a receiver by its gain codes, without a signal."""
+    from belahil.cli.measuring import Job, perform
+
+    chosen = {"codes": codes, "windows": windows}
+    return perform(Job("noise", "NoiseOptions", _lines), common(**given), chosen)
+
+
+def _lines(results: dict[str, Any]) -> list[str]:
+    from belahil.report.tables import one_text
+
+    return [f"gain code {row['code']}: noise {one_text(row['noise_rms'])}" for row in results["gain_codes"]]

@@ -1,0 +1,516 @@
+"""The command line: what it prints, where, and its exit status."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tiny_procedure
+
+from belahil.bench import Bench
+from belahil.cli.main import main
+from belahil.cli.progress import left_s
+from belahil.errors import InstrumentError
+from belahil.run import Run
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(autouse=True)
+def tiny(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Let ``characterize`` take a moment, in an empty folder."""
+    monkeypatch.setitem(sys.modules, "procedures.characterize", tiny_procedure)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def closed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Benches that were closed, which switches the output off."""
+    found: list[str] = []
+    close = Bench.close
+
+    def noted(self: Bench) -> None:
+        close(self)
+        found.append(self.source)
+
+    monkeypatch.setattr(Bench, "close", noted)
+    return found
+
+
+def characterize(*words: str, bench: str | None = "simulated") -> int:
+    return main(["characterize", *(["--bench", bench] if bench else []), *words])
+
+
+Captured = pytest.CaptureFixture[str]
+
+
+def one_line(capsys: Captured) -> str:
+    """The only line on standard error."""
+    answer = capsys.readouterr()
+    assert answer.err.count("\n") == 1
+    assert answer.err.startswith("belahil: ")
+    return answer.err
+
+
+# ---- a measurement
+
+
+def test_a_measurement_ends_with_the_best_code_and_the_report(capsys: Captured, closed: list[str]) -> None:
+    assert characterize("--out", "run", "--seed", "5") == 0
+    answer = capsys.readouterr()
+    assert re.search(r"^best gain code: 3 \(gain [\d.()]+, cut-off \S, input noise \S\)$", answer.out, re.M)
+    assert answer.out.splitlines()[-2:] == ["verdict: none", f"report: {Path('run/report.html')}"]
+    assert "4 of 4 windows, 0 s left" in answer.err
+    assert re.search(r"4 windows, [\d.]+ ms each, of which [\d.]+ ms waiting for the disk", answer.err)
+    assert closed == ["simulated"]
+    summary = json.loads(Path("run/summary.json").read_text())
+    assert (summary["seed"], summary["source"], summary["procedure"]) == (5, "simulated", "characterize")
+
+
+def test_json_is_the_summary_and_nothing_else(capsys: Captured) -> None:
+    assert characterize("--json") == 0
+    answer = capsys.readouterr()
+    (folder,) = Path().iterdir()
+    assert answer.out == (folder / "summary.json").read_text(encoding="utf-8")
+    assert json.loads(answer.out)["results"]["best_code"] == 3
+
+
+def test_quiet_says_nothing(capsys: Captured) -> None:
+    assert characterize("--out", "run", "--quiet") == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("words", [(), ("--quiet",)])
+def test_a_folder_that_nobody_named_is_dated_and_told(capsys: Captured, words: tuple[str, ...]) -> None:
+    assert characterize(*words) == 0
+    (folder,) = Path().iterdir()
+    assert re.fullmatch(r"belahil-characterize-\d{8}T\d{6}Z", folder.name)
+    assert capsys.readouterr().out.splitlines()[0] == f"run folder: {folder}"
+
+
+def test_the_choices_reach_the_procedure() -> None:
+    chosen = ("--codes", "0-2,7", "--amplitudes-mvpp", "3,200", "--frequencies-mhz", "0.1,29.7")
+    assert characterize(*chosen, "--dark-windows", "2", "--out", "run") == 0
+    with Run.resume("run") as run:
+        assert run.begun.options == {
+            "codes": [0, 1, 2, 7],
+            "amplitudes_vpp": [0.003, 0.2],
+            "frequencies_hz": [0.1e6, 29.7e6],
+            "dark_windows": 2,
+        }
+        assert len(run.shots()) == 4 * 2 * 2
+
+
+def test_simulated_and_emulated_benches_give_equal_results() -> None:
+    found = []
+    for bench in ("simulated", "emulated"):
+        assert characterize("--out", bench, bench=bench) == 0
+        found.append(json.loads(Path(bench, "summary.json").read_text()))
+    assert found[0]["results"] == found[1]["results"]
+    assert [one["source"] for one in found] == ["simulated", "emulated"]
+
+
+@pytest.mark.parametrize(
+    ("gain", "status", "verdict"),
+    [
+        ("[0, 9]", 0, "pass"),
+        ("[0, 0.01]", 1, "fail"),
+        ("[-9, -8]", 1, "fail"),
+        ("[0.0, 0.1]", 1, "undecided"),
+    ],
+)
+def test_limits_decide_the_status(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch, gain: str, status: int, verdict: str
+) -> None:
+    bench = '[generator]\naddress = "simulated"\n[digitizer]\nlink = "simulated"\n[limits]\ngain = '
+    Path("bench.toml").write_text(bench + gain)
+    monkeypatch.setattr("tiny_procedure.np.std", lambda volts: 0.05)  # two windows a code: a gain of 0.1
+    assert characterize("--out", "run", bench="bench.toml") == status
+    assert f"verdict: {verdict}\n" in capsys.readouterr().out
+
+
+def test_the_report_says_what_its_emulation_leaves_out() -> None:
+    assert characterize("--out", "run") == 0
+    told = json.loads(Path("run/report.json").read_text())
+    assert any(line.startswith("converter: differential and integral") for line in told["not_modelled"])
+    assert "What this simulated bench does not model" in Path("run/report.html").read_text()
+
+
+# ---- what goes wrong
+
+
+def break_after(monkeypatch: pytest.MonkeyPatch, count: int, happen: Any) -> None:
+    """Let something happen when `count` shots are measured."""
+    measure = Bench.measure
+    left = [count]
+
+    def counted(self: Bench, *words: Any) -> Any:
+        if not left[0]:
+            happen()
+        left[0] -= 1
+        return measure(self, *words)
+
+    monkeypatch.setattr(Bench, "measure", counted)
+
+
+def fail(error: BaseException) -> Any:
+    def happen() -> None:
+        raise error
+
+    return happen
+
+
+def test_an_instrument_that_fails_ends_the_run_and_keeps_the_data(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch, closed: list[str]
+) -> None:
+    break_after(monkeypatch, 3, fail(InstrumentError("the generator is on fire")))
+    assert characterize("--out", "run", "--quiet") == 3
+    assert one_line(capsys) == (
+        "belahil: the generator is on fire; 3 shots are kept; "
+        "continue with: belahil characterize --resume run\n"
+    )
+    assert closed == ["simulated"]
+    assert "stopped: the generator is on fire" in Path("run/log.txt").read_text()
+
+
+def test_a_bug_is_one_line_and_a_traceback_in_the_log(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch, closed: list[str]
+) -> None:
+    break_after(monkeypatch, 1, fail(KeyError("surprise")))
+    assert characterize("--out", "run", "--quiet") == 70
+    line = one_line(capsys)
+    assert "internal error, please report it: KeyError: 'surprise'" in line
+    assert "traceback in " in line
+    log = Path("run/log.txt").read_text()
+    assert "Traceback (most recent call last)" in log
+    assert "KeyError: 'surprise'" in log
+    assert closed == ["simulated"]
+
+
+def test_a_bug_before_there_is_a_run_leaves_its_traceback_too(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(Path().absolute()))
+    monkeypatch.setattr(tiny_procedure, "plan", lambda *words: 1 / 0)
+    assert characterize("--out", "run") == 70
+    place = one_line(capsys).split("traceback in ")[1].strip()
+    assert "ZeroDivisionError" in Path(place).read_text()
+    assert not Path("run").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_waits_for_the_shot_and_can_be_resumed(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch, closed: list[str], number: signal.Signals
+) -> None:
+    # given a run that is interrupted in the middle of its third shot
+    break_after(monkeypatch, 2, lambda: os.kill(os.getpid(), number))
+    before = signal.getsignal(number)
+    # when it stops
+    assert characterize("--out", "run", "--quiet") == 130
+    # then that shot is kept, the output is off, it says how to go on, and the handlers are those of before
+    assert one_line(capsys) == (
+        "belahil: interrupted; 3 shots are kept; continue with: belahil characterize --resume run\n"
+    )
+    assert closed == ["simulated"]
+    assert signal.getsignal(number) == before
+
+
+def test_a_second_interrupt_does_not_wait(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch, closed: list[str]
+) -> None:
+    def twice() -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    break_after(monkeypatch, 2, twice)
+    assert characterize("--out", "run", "--quiet") == 130
+    assert "interrupted; 2 shots are kept" in one_line(capsys)
+    assert closed == ["simulated"]
+
+
+def test_an_interrupt_before_the_first_shot_leaves_no_run(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch, closed: list[str]
+) -> None:
+    monkeypatch.setattr(tiny_procedure, "plan", lambda *words: os.kill(os.getpid(), signal.SIGTERM))
+    assert characterize("--out", "run") == 130
+    assert one_line(capsys) == "belahil: interrupted\n"
+    assert closed == ["simulated"]
+    assert not Path("run").exists()
+
+
+# ---- resume
+
+
+def stopped(monkeypatch: pytest.MonkeyPatch, after: int, *words: str) -> None:
+    with monkeypatch.context() as context:
+        break_after(context, after, fail(InstrumentError("stop")))
+        assert characterize("--out", "run", "--quiet", *words) == 3
+
+
+def test_a_resumed_run_equals_an_uninterrupted_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ("--codes", "2,5", "--frequencies-mhz", "1,2,3", "--seed", "9")
+    assert characterize("--out", "whole", *words) == 0
+    stopped(monkeypatch, 4, *words)
+    assert characterize("--resume", "run", bench=None) == 0
+    one, other = (json.loads(Path(name, "summary.json").read_text()) for name in ("whole", "run"))
+    assert one["results"] == other["results"]
+    with Run.resume("whole") as whole, Run.resume("run") as run:
+        assert len(whole.shots()) == len(run.shots()) == 6
+        for first, second in zip(whole.shots(), run.shots(), strict=True):
+            assert first.window.equals(second.window)
+            assert first.played == second.played
+
+
+def test_a_finished_run_is_told_again_without_a_bench(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert characterize("--out", "run", "--json") == 0
+    first = capsys.readouterr().out
+    monkeypatch.setattr("belahil.bench.open_bench", fail(AssertionError("a bench was opened")))
+    assert characterize("--resume", "run", "--json", bench=None) == 0
+    assert capsys.readouterr().out == first
+
+
+def test_resume_takes_everything_from_the_folder(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    stopped(monkeypatch, 1)
+    capsys.readouterr()
+    assert characterize("--resume", "run", "--codes", "1", "--seed", "3") == 2
+    assert "takes everything from that folder; leave out --codes, --bench, --seed" in one_line(capsys)
+
+
+def test_a_run_of_another_procedure_is_not_continued(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped(monkeypatch, 1)
+    capsys.readouterr()
+    assert main(["noise", "--resume", "run"]) == 2
+    assert "use belahil characterize --resume run" in one_line(capsys)
+
+
+# ---- wrong use
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["chracterize"], "No such command 'chracterize'"),
+        (["characterize", "--cods", "4"], "No such option '--cods'"),
+        (["characterize", "--codes", "4-"], "write gain codes as 0-15 or 4,5"),
+        (["characterize", "--codes", "5-3"], "5-3 is no span of gain codes"),
+        (["characterize", "--codes", "0-999999999"], "is no span of gain codes"),
+        (["characterize", "--codes", ""], "write gain codes as 0-15 or 4,5"),
+        (["characterize", "--amplitudes-mvpp", "3;13"], "write numbers with commas between"),
+        (["characterize", "--amplitudes-mvpp", "3,-1"], "-1 must be above zero"),
+        (["characterize", "--frequencies-mhz", "nan"], "nan must be above zero"),
+        (["characterize", "--frequencies-mhz", "inf"], "inf must be above zero"),
+        (["characterize", "--dark-windows", "0"], "0 is not in the range x>=1"),
+        (["characterize", "--seed", "-1"], "--seed -1: must not be negative"),
+        (["characterize", "--seed", "x"], "'x' is not a valid integer"),
+        (["characterize", "--record", "f"], "--record f: this version cannot record links; leave it out"),
+        (["characterize", "--bench", "replay:f"], "this version replays no recording"),
+        (["characterize", "--bench", "nowhere.toml"], "nowhere.toml: cannot be read (No such file"),
+        (["characterize", "extra"], "unexpected extra argument"),
+        (["report"], "Missing argument 'RUN'"),
+        (["report", "nowhere"], "nowhere: holds no finished run"),
+        (["characterize", "--resume", "nowhere"], "--resume nowhere: there is no run in this folder"),
+    ],
+)
+def test_wrong_use_is_one_line_and_status_2(capsys: Captured, words: list[str], said: str) -> None:
+    assert main(words) == 2
+    assert said in one_line(capsys)
+    assert list(Path().iterdir()) == []
+
+
+def test_a_used_folder_is_refused_before_a_bench_is_opened(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("run").mkdir()
+    Path("run/mine.txt").touch()
+    monkeypatch.setattr("belahil.bench.open_bench", fail(AssertionError("a bench was opened")))
+    assert characterize("--out", "run") == 2
+    assert "--out run: the folder is not empty" in one_line(capsys)
+
+
+def test_a_folder_that_cannot_be_made_is_status_4(capsys: Captured) -> None:
+    Path("file").touch()
+    assert characterize("--out", "file/run") == 4
+    assert "file/run: cannot be" in one_line(capsys)
+
+
+# ---- the program itself
+
+
+def program(*words: str, code: str | None = None) -> subprocess.CompletedProcess[str]:
+    start = ["-c", code] if code else ["-m", "belahil", *words]
+    return subprocess.run(
+        [sys.executable, *start], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_help_needs_no_numerical_library() -> None:
+    answer = program(
+        code="import sys; from belahil.cli.main import main; main(['--help']);"
+        "print([name for name in ('numpy', 'scipy', 'pyvisa', 'rich', 'h5py') if name in sys.modules])"
+    )
+    assert "characterize" in answer.stdout
+    assert answer.stdout.splitlines()[-1] == "[]"
+
+
+def test_the_program_tells_its_version() -> None:
+    for words in (("--version",), ("characterize", "--version"), ("bench", "--version")):
+        answer = program(*words)
+        assert (answer.returncode, answer.stderr) == (0, "")
+        assert re.fullmatch(r"belahil \d+\.\d+\.\d+\n", answer.stdout)
+
+
+def test_every_command_has_its_help(capsys: Captured) -> None:
+    for words in (["characterize"], ["noise"], ["bench"], ["bench", "new"], ["emulate"], ["report"]):
+        assert main([*words, "--help"]) == 0
+        assert "Usage: belahil" in capsys.readouterr().out
+
+
+def test_without_a_command_the_help_comes_with_status_2(capsys: Captured) -> None:
+    assert main([]) == 2
+    assert "Usage: belahil" in capsys.readouterr().err
+
+
+def test_a_reader_who_leaves_early_is_no_error() -> None:
+    answer = subprocess.run(
+        f"{sys.executable} -m belahil bench show | true; echo ${{PIPESTATUS[0]}}",
+        shell=True,
+        executable="/bin/bash",
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (answer.stdout, answer.stderr) == ("0\n", "")
+
+
+def test_time_left_counts_only_what_was_really_measured() -> None:
+    assert left_s(done=60, total=100, kept=50, elapsed_s=2.0) == 8.0
+    assert left_s(done=50, total=100, kept=50, elapsed_s=2.0) == 0.0
+
+
+# ---- bench files and reports
+
+
+@pytest.mark.parametrize("words", [[], ["--address", "simulated"], ["--receiver", "gala-like"]])
+def test_a_new_bench_file_says_every_default(capsys: Captured, words: list[str]) -> None:
+    from belahil.config import parse_bench, receiver_truth
+
+    assert main(["bench", "new", "lab.toml", *words]) == 0
+    written = parse_bench(Path("lab.toml").read_text())
+    kind = words[1] if "--address" in words else "emulated"
+    short = f'[generator]\naddress = "{kind}"\n[digitizer]\nlink = "{written.digitizer.link}"\n'
+    meant = parse_bench(short + f'receiver = "{written.digitizer.receiver}"')
+    assert receiver_truth(written) == receiver_truth(meant)
+    assert (written.bench, written.generator, written.digitizer) == (
+        meant.bench,
+        meant.generator,
+        meant.digitizer,
+    )
+    assert written.emulation.generator == meant.emulation.generator
+    assert written.emulation.transmitter == meant.emulation.transmitter
+    # and no key is left out
+    missing = [
+        key
+        for table in (meant.bench, meant.generator, meant.digitizer, meant.emulation.receiver)
+        for key in table.__struct_fields__
+        if not re.search(rf"^{key} = ", Path("lab.toml").read_text(), re.M)
+    ]
+    assert missing == []
+    assert "lab.toml" in capsys.readouterr().out
+
+
+def test_a_new_bench_file_for_a_laboratory_has_no_emulation() -> None:
+    words = ["--address", "USB0::2391::11271::MY1::INSTR", "--link", r"serial:\\.\COM12"]
+    assert main(["bench", "new", *words]) == 0
+    text = Path("bench.toml").read_text()
+    assert "[emulation" not in text
+    assert r'link = "serial:\\\\.\\COM12"' in text
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--address", "GPIB::7"], "needs --link too"),
+        (["--address", "GPIB::7", "--link", "emulated:usb"], "both must be emulated"),
+        (["--driver", "x"], 'driver = "x" is unknown'),
+        (["--receiver", "x"], 'receiver = "x" is unknown'),
+    ],
+)
+def test_a_bench_that_cannot_be_is_not_written(capsys: Captured, words: list[str], said: str) -> None:
+    assert main(["bench", "new", *words]) == 2
+    assert said in one_line(capsys)
+    assert list(Path().iterdir()) == []
+
+
+def test_a_bench_file_is_not_written_over(capsys: Captured) -> None:
+    Path("bench.toml").write_text("mine")
+    assert main(["bench", "new"]) == 2
+    assert "is there already" in one_line(capsys)
+    assert Path("bench.toml").read_text() == "mine"
+
+
+def test_show_lists_what_there_is(capsys: Captured) -> None:
+    assert main(["bench", "show"]) == 0
+    out = capsys.readouterr().out
+    for part in (
+        "keysight-33500",
+        "33622A: sine up to 120 MHz",
+        "bela-grm",
+        "gala-like",
+        "emulated:usb",
+        "socket://",
+    ):
+        assert part in out
+    Path("lab.toml").write_text("[generator]\nattenuation_db = 20\n[limits]\ngain = [5, 6]")
+    assert main(["bench", "show", "lab.toml"]) == 0
+    out = capsys.readouterr().out
+    assert "20 dB to the cut" in out
+    assert "limits: gain 5 to 6" in out
+
+
+@pytest.mark.parametrize("link", ["simulated", "emulated:serial", "emulated:usb"])
+def test_a_bench_in_order_is_checked(capsys: Captured, closed: list[str], link: str) -> None:
+    kind = link.split(":")[0]
+    assert main(["bench", "check", "--address", kind, "--link", link]) == 0
+    out = capsys.readouterr().out
+    assert "generator: Agilent Technologies,33522B" in out
+    assert "gain 5.19 (preset bela-grm: 5.19)" in out
+    assert closed == [kind]
+
+
+@pytest.mark.parametrize(
+    ("receiver", "said"),
+    [
+        ("gain_by_code = " + str([1e-6] * 16), "does not come back"),
+        ("adc_full_scale_v = 0.05", "are clipped"),
+    ],
+)
+def test_a_bench_that_is_not_in_order_is_status_3(
+    capsys: Captured, closed: list[str], receiver: str, said: str
+) -> None:
+    Path("lab.toml").write_text(f"[emulation.receiver]\n{receiver}\n")
+    assert main(["bench", "check", "--bench", "lab.toml"]) == 3
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+    assert closed == ["emulated"]
+
+
+def test_a_report_is_made_again(capsys: Captured) -> None:
+    assert characterize("--out", "run", "--quiet") == 0
+    page = Path("run/report.html").read_text()
+    Path("run/report.html").unlink()
+    assert main(["report", "run"]) == 0
+    assert capsys.readouterr().out == f"report: {Path('run/report.html')}\n"
+    assert Path("run/report.html").read_text() == page
