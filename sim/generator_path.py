@@ -30,16 +30,13 @@ FLATNESS_HZ = 40e6
 
 
 def true_model(config: BenchConfig) -> GeneratorModel:
-    """Return the model that an emulated generator claims to be, with its true converter.
+    """Return the model that an emulated generator claims to be, with its true highest sample rate.
 
-    ``[emulation.generator]`` may give it other bits and another highest sample rate than its name promises.
+    Its true resolution does not show here: waveforms are kept as they were sent, and `GeneratorPath` rounds
+    what leaves the output.
     """
-    model, truth = MODELS[default_model_name(config)], config.emulation.generator
-    return replace(
-        model,
-        dac_bits=truth.bits or model.dac_bits,
-        max_arb_rate_hz=truth.sample_rate_hz or model.max_arb_rate_hz,
-    )
+    model, rate_hz = MODELS[default_model_name(config)], config.emulation.generator.sample_rate_hz
+    return replace(model, max_arb_rate_hz=rate_hz or model.max_arb_rate_hz)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,4 +106,4 @@ def generator_path(config: BenchConfig) -> GeneratorPath:
     input_ohm = config.emulation.receiver.input_ohm
     divider = 1.0 if math.isinf(input_ohm) else input_ohm / (SOURCE_OHM + input_ohm)
     gain = (1 + truth.amplitude_error) * 10 ** (-config.generator.attenuation_db / 20) * divider
-    return GeneratorPath(model.dac_bits, gain, truth.flatness, truth.bandwidth_hz)
+    return GeneratorPath(truth.bits or model.dac_bits, gain, truth.flatness, truth.bandwidth_hz)

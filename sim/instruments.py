@@ -27,7 +27,7 @@ class SimulatedGenerator:
     plant : Plant
         What it plays into.
     model : GeneratorModel
-        The emulated model with its true converter; `limits` are those that its name promises.
+        The emulated model with its true sample rate; `limits` are those that its name promises.
     load_ohm : float
         Its load setting.
     """

@@ -1,0 +1,77 @@
+"""From a bench file to simulated instruments, or to endpoints where the real drivers find emulated ones."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from belahil.bench import Bench, Endpoints
+from belahil.errors import ConfigError
+from sim.generator_path import true_model
+from sim.plant import Plant
+
+if TYPE_CHECKING:
+    from belahil.config import BenchConfig
+
+VISA_ADDRESS = "TCPIP0::emulated::inst0::INSTR"
+
+
+def bench(config: BenchConfig) -> Bench:
+    """Build the simulated bench of a bench file.
+
+    Parameters
+    ----------
+    config : BenchConfig
+        Its ``[emulation]`` is the truth, its other tables are what the bench is told.
+
+    Returns
+    -------
+    Bench
+        With its output off.
+
+    Raises
+    ------
+    ConfigError
+        A truth that cannot be.
+    """
+    from sim.instruments import SimulatedDigitizer, SimulatedGenerator
+
+    plant = Plant(config)
+    generator = SimulatedGenerator(plant, true_model(config), config.generator.load_ohm)
+    return Bench(generator, SimulatedDigitizer(plant), config, plant.clock)
+
+
+def endpoints(config: BenchConfig) -> Endpoints:
+    """Put emulated devices over one plant beneath the vendor libraries.
+
+    Parameters
+    ----------
+    config : BenchConfig
+        Its link is ``emulated:serial`` or ``emulated:usb``.
+
+    Raises
+    ------
+    ConfigError
+        A truth that cannot be, or a link that is not emulated.
+    """
+    from sim.devices.generator import GeneratorDevice
+    from sim.devices.grm import GrmDevice
+    from sim.transports.visa_library import EmulatedVisa
+
+    plant = Plant(config)
+    reached: dict[str, Any] = {}
+    link = config.digitizer.link
+    if link == "emulated:serial":
+        from sim.transports.serial_port import register_serial
+
+        receiver = GrmDevice(plant, "cobs", plant.clock)
+        reached["serial_url"] = register_serial(receiver, plant.clock, config.digitizer.receiver)
+    elif link == "emulated:usb":
+        from sim.transports.usb_backend import EmulatedUsb
+
+        usb = EmulatedUsb(GrmDevice(plant, "raw", plant.clock), plant.clock)
+        reached |= {"usb_backend": usb, "usb_id": usb.usb_id}
+    else:
+        raise ConfigError(f'link = "{link}": emulated are emulated:serial and emulated:usb')
+    generator = GeneratorDevice(true_model(config), plant)
+    visa = EmulatedVisa(plant.clock).plug(VISA_ADDRESS, generator)
+    return Endpoints(visa_library=visa, visa_address=VISA_ADDRESS, clock=plant.clock, **reached)
