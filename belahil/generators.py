@@ -119,6 +119,8 @@ class ArbBlock:
     interpolation: Interpolation = "linear"
 
     def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
         if not isinstance(other, ArbBlock):
             return NotImplemented
         return (self.sample_rate_hz, self.interpolation) == (
@@ -304,7 +306,7 @@ def _pulse_setting(
     peak = float(np.max(np.abs(volts)))
     amplitude = max(
         round_amplitude(2 * peak, model, up=True) if peak else 0.0,
-        model.min_amplitude_vpp * per_50_ohm(load_ohm),
+        round_amplitude(model.min_amplitude_vpp * per_50_ohm(load_ohm), model, up=True),
     )
     _check_volts(amplitude, 0.0, model, load_ohm)
     block = ArbBlock(dac_codes(volts * (2 / amplitude), model.dac_bits), rate, pulse.interpolation)
