@@ -273,10 +273,12 @@ def test_without_noise_none_is_prepared(monkeypatch: pytest.MonkeyPatch) -> None
         _model(noise_rms_v_by_code=(1e-3,) * 16)
 
 
-def test_a_code_without_noise_has_none() -> None:
+def test_a_code_without_noise_draws_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(receiver_model, "add_noise", _called)
     model = _model(noise_rms_v_by_code=(0.0,) * 15 + (1e-3,))
     assert not np.any(_window(model, NoSignal(), code=4).counts)
-    assert np.any(_window(model, NoSignal(), code=15).counts)
+    with pytest.raises(AssertionError, match="called"):
+        _window(model, NoSignal(), code=15)
 
 
 @pytest.mark.parametrize(
