@@ -105,7 +105,7 @@ class EmulatedReceiver(Strict, frozen=True):
     small_signal: SmallSignal = SmallSignal()
     adc_full_scale_v: Positive | None = None
     adc_bits: Annotated[int, Meta(ge=2, le=16)] | None = None
-    clock_ppm: Annotated[float, Meta(ge=-1000, le=1000)] = 0.0
+    clock_ppm: Annotated[float, Meta(ge=-250, le=250)] = 0.0
     interleave: Interleave = Interleave()
     input_ohm: Positive = 50.0
 

@@ -259,7 +259,7 @@ def _described(
         status="ok" if spread[1] <= IDENTIFIED else "cutoff_not_identified",
         gain=math.exp(found[0]),
         cutoff_hz=cutoff,
-        order=math.exp(found[2]),
+        order=math.exp(found[2]) if free[2] else round(math.exp(found[2])),
         highpass_hz=highpass,
         gain_u=math.exp(found[0]) * spread[0],
         cutoff_u_hz=cutoff * spread[1],

@@ -132,7 +132,7 @@ def _spectrum(
         [np.lib.stride_tricks.sliding_window_view(one, SEGMENT)[:: SEGMENT // 2] for one in centred]
     )
     power = np.mean(np.abs(np.fft.rfft(blocks * taper)) ** 2, axis=0) / np.sum(taper**2)
-    frequency = np.fft.rfftfreq(SEGMENT, interval_s)
+    frequency = np.asarray(np.fft.rfftfreq(SEGMENT, interval_s), dtype=np.float64)
     # Sum of squared autocorrelations = mean(S^2) / mean(S)^2 (Parseval), taken without the bins that the
     # removal of the means emptied, and without the excess that a periodogram of few blocks adds to S^2.
     weight = np.full(power.size, 2.0)

@@ -1,0 +1,161 @@
+"""Characterize a receiver by its gain codes: gain, cut-off, noise, best code.
+
+The generator plays sines over gain codes, amplitudes and frequencies, and silence for the dark windows. The
+analysis is a function of the recorded windows alone, so a run that was resumed, or read back years later,
+gives the same numbers.
+
+Not modelled: drift of gain or temperature during the sweep, harmonic distortion (see ``digitizer``), and any
+difference between the filter of one gain code and another beyond a cut-off of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from belahil.errors import RefusedInput
+from belahil.outcome import Outcome
+from belahil.stimuli import NoSignal, Sine, Stimulus
+from belahil.values import Shot, WindowRequest
+from procedures.coherent import default_frequencies
+from procedures.noise import gain_codes
+from procedures.plans import Journal, PlannedShot, check_all, measure_all
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from belahil.bench import Bench
+    from belahil.config import BenchConfig
+
+AMPLITUDES_VPP = (3e-3, 13e-3, 30e-3, 50e-3, 200e-3)
+"""Default amplitudes at the cut, those of Nishiyama et al., appendix C."""
+
+FREQUENCY_COUNT = 24
+DARK_WINDOWS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class GainOptions:
+    """What the user may choose.
+
+    Parameters
+    ----------
+    codes : tuple of int or None
+        Gain codes; None takes all that the receiver reports.
+    amplitudes_vpp : tuple of float
+        At the cut, V peak to peak.
+    frequencies_hz : tuple of float or None
+        None takes 24 coherent ones from 0.1 MHz to 38 MHz or the generator's limit.
+    dark_windows : int
+        Silent windows for each gain code, at least one.
+    """
+
+    codes: tuple[int, ...] | None = None
+    amplitudes_vpp: tuple[float, ...] = AMPLITUDES_VPP
+    frequencies_hz: tuple[float, ...] | None = None
+    dark_windows: int = DARK_WINDOWS
+
+    def __post_init__(self) -> None:
+        if self.codes == () or not self.amplitudes_vpp or self.frequencies_hz == ():
+            raise RefusedInput("gain codes, amplitudes and frequencies: each list needs at least one value")
+        if self.dark_windows < 1:
+            raise RefusedInput(f"{self.dark_windows} dark windows a code: at least 1 is needed")
+
+
+@dataclass(frozen=True, slots=True)
+class GainPlan:
+    """Every shot of a characterization.
+
+    Parameters
+    ----------
+    codes : tuple of (int or None)
+        Gain codes; a single None for a receiver without them.
+    amplitudes_vpp, frequencies_hz : tuple of float
+        Volts at the cut, Hz.
+    dark_windows, sample_count, converters : int
+        Windows a code, samples a window, interleaved converters.
+    """
+
+    codes: tuple[int | None, ...]
+    amplitudes_vpp: tuple[float, ...]
+    frequencies_hz: tuple[float, ...]
+    dark_windows: int
+    sample_count: int
+    converters: int
+
+    @property
+    def shots(self) -> tuple[PlannedShot, ...]:
+        """Dark windows first, then the sines with the gain code changing fastest."""
+        stimuli: list[tuple[Stimulus, int | None]] = [
+            (NoSignal(), code) for code in self.codes for _ in range(self.dark_windows)
+        ]
+        for amplitude_vpp in self.amplitudes_vpp:
+            for frequency_hz in self.frequencies_hz:
+                sine = Sine(frequency_hz, amplitude_vpp)
+                stimuli += [(sine, code) for code in self.codes]
+        return tuple(
+            PlannedShot(WindowRequest(shot, code, self.sample_count), stimulus)
+            for shot, (stimulus, code) in enumerate(stimuli)
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the plan as plain values, for the run's fingerprint."""
+        return asdict(self)
+
+
+def plan(bench: Bench, options: GainOptions) -> GainPlan:
+    """Fit the options to what this bench can do.
+
+    Raises
+    ------
+    LimitExceeded
+        A gain code, frequency or amplitude that receiver or generator does not have.
+    InterlockRefused
+        An amplitude over ``max_vpp``.
+    """
+    spec = bench.spec
+    frequencies = options.frequencies_hz
+    if frequencies is None:
+        frequencies = default_frequencies(
+            spec.sample_rate_hz, spec.max_sample_count, bench.generator_model.max_sine_hz, FREQUENCY_COUNT
+        )
+    made = GainPlan(
+        codes=gain_codes(spec.gain_codes, options.codes),
+        amplitudes_vpp=tuple(dict.fromkeys(options.amplitudes_vpp)),
+        frequencies_hz=tuple(dict.fromkeys(frequencies)),
+        dark_windows=options.dark_windows,
+        sample_count=spec.max_sample_count,
+        converters=spec.converters,
+    )
+    check_all(bench, made.shots)
+    return made
+
+
+def measure(
+    bench: Bench, run: Journal, plan: GainPlan, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Measure what the run does not hold yet; see `procedures.plans.measure_all`."""
+    measure_all(bench, run, plan.shots, progress)
+
+
+def analyse(plan: GainPlan, shots: Iterable[Shot], config: BenchConfig) -> Outcome:
+    """Turn the recorded windows into results.
+
+    Parameters
+    ----------
+    plan : GainPlan
+        What was measured.
+    shots : iterable of Shot
+        Gone through more than once; an iterator is turned into a list first.
+    config : BenchConfig
+        Attenuation, load and declared uncertainties; ``[emulation]`` is not read.
+
+    Returns
+    -------
+    Outcome
+        Results as the contract names them, tables, figures and the uncertainty budget.
+    """
+    from procedures.gain_outcome import outcome
+    from procedures.gain_points import read_windows
+
+    return outcome(plan, read_windows(plan, shots), config)

@@ -1,0 +1,264 @@
+"""From points to results: one fit for each gain code, its uncertainty budget, and the best code."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from belahil.outcome import BudgetLine
+from belahil.values import Estimate
+from procedures.butterworth_fit import ButterworthFit, FilterFits, fit_filter
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from belahil.config import GeneratorUncertainty
+    from procedures.gain_points import Interleave, Points, WindowReadings
+
+PASS_BAND = 0.5
+"""Highest frequency of the pass band as a part of the cut-off: the filter takes less than 1 % there."""
+
+
+@dataclass(frozen=True, slots=True)
+class CodeResult:
+    """What was found at one gain code; None where it could not be found.
+
+    Parameters
+    ----------
+    code : int or None
+        The gain code.
+    status : str
+        "ok", "no_usable_point", "cutoff_not_identified", or the status of the dark windows.
+    fit : ButterworthFit or None
+        Of integer order, over all usable amplitudes.
+    gain, cutoff, highpass, order_free : Estimate or None
+        With combined standard uncertainties.
+    noise, noise_total, input_noise : Estimate or None
+        At the converter without and with quantization and lines; referred to the cut.
+    """
+
+    code: int | None
+    status: str
+    fit: ButterworthFit | None
+    gain: Estimate | None
+    cutoff: Estimate | None
+    highpass: Estimate | None
+    order_free: Estimate | None
+    noise: Estimate | None
+    noise_total: Estimate | None
+    input_noise: Estimate | None
+
+
+@dataclass(frozen=True, slots=True)
+class AmplitudeRow:
+    """Pass-band gain at one amplitude by three estimators, V/V."""
+
+    code: int | None
+    amplitude_vpp: float
+    sine_fit: float
+    sine_fit_u: float
+    rms: float
+    peak_to_peak: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Characterization:
+    """All results of a characterization."""
+
+    points: Points
+    codes: tuple[CodeResult, ...]
+    small_signal: tuple[AmplitudeRow, ...]
+    best_code: int | None
+    clock_ppm: Estimate | None
+    interleave: Interleave
+    budget: tuple[BudgetLine, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeclaredShift:
+    """A declared error common to many points, as the relative shift of each gain that it would cause."""
+
+    source: str
+    relative: NDArray[np.float64]
+
+
+def declared_shifts(
+    points: Points, declared: GeneratorUncertainty, setting_per_cut_volt: float
+) -> tuple[DeclaredShift, ...]:
+    """Turn ``[generator] uncertainty`` into shifts of the gains by one standard uncertainty each.
+
+    Parameters
+    ----------
+    points : Points
+        n points.
+    declared : GeneratorUncertainty
+        As in the bench file.
+    setting_per_cut_volt : float
+        Generator setting for 1 V at the cut.
+
+    Notes
+    -----
+    Each term is one error that all points share: it moves gain or cut-off and does not average out.
+    """
+    everywhere = np.ones(points.gain.shape)
+    shifts = (
+        ("amplitude_relative", declared.amplitude_relative * everywhere),
+        ("amplitude_v", declared.amplitude_v / (points.played_vpp * setting_per_cut_volt)),
+        ("flatness_relative", declared.flatness_relative * points.frequency_hz / 40e6),
+        ("attenuation_db", declared.attenuation_db * math.log(10) / 20 * everywhere),
+    )
+    return tuple(
+        DeclaredShift(f"[generator] uncertainty.{name}", shift)
+        for name, shift in shifts
+        if np.any(shift != 0)
+    )
+
+
+def characterization(
+    codes: tuple[int | None, ...],
+    readings: WindowReadings,
+    declared: GeneratorUncertainty,
+    setting_per_cut_volt: float,
+) -> Characterization:
+    """Fit every gain code and choose the best.
+
+    Parameters
+    ----------
+    codes : tuple of (int or None)
+        In the order of the plan.
+    readings : WindowReadings
+        From `procedures.gain_points.read_windows`.
+    declared : GeneratorUncertainty
+        Of the bench file.
+    setting_per_cut_volt : float
+        Generator setting for 1 V at the cut.
+    """
+    points = readings.points
+    shifts = declared_shifts(points, declared, setting_per_cut_volt)
+    results, budget = [], []
+    for code in codes:
+        result, lines = _code_result(code, readings, shifts)
+        results.append(result)
+        budget += lines
+    return Characterization(
+        points=points,
+        codes=tuple(results),
+        small_signal=tuple(row for one in results for row in _amplitude_rows(one, points)),
+        best_code=best_code(results),
+        clock_ppm=readings.clock_ppm,
+        interleave=readings.interleave,
+        budget=tuple(budget),
+    )
+
+
+def best_code(results: list[CodeResult]) -> int | None:
+    """Return the gain code of least input-referred noise; None when there is none to compare."""
+    found = [(one.input_noise.value, one.code) for one in results if one.input_noise is not None]
+    return min(found)[1] if found and found[0][1] is not None else None
+
+
+def _code_result(
+    code: int | None, readings: WindowReadings, shifts: tuple[DeclaredShift, ...]
+) -> tuple[CodeResult, list[BudgetLine]]:
+    points, dark = readings.points, readings.dark[code]
+    mine = points.chosen(code) & points.usable
+    name = "" if code is None else f", code {code}"
+    fits = None
+    if np.any(mine):
+        fits = fit_filter(points.frequency_hz[mine], points.gain[mine], points.gain_u[mine])
+    gain, cutoff, highpass, order, budget = _filter_numbers(
+        fits, [(one.source, one.relative[mine]) for one in shifts], name
+    )
+    input_noise = None
+    if gain is not None and dark.rms is not None and gain.value > 0:
+        ratio = dark.rms.value / gain.value
+        relative = math.hypot(
+            dark.rms.standard_uncertainty / dark.rms.value, gain.standard_uncertainty / gain.value
+        )
+        input_noise = Estimate(ratio, ratio * relative, "V")
+    status: str = "no_usable_point" if fits is None else fits.integer.status
+    if status == "ok" and dark.status != "ok":
+        status = f"noise_{dark.status}"
+    result = CodeResult(
+        code=code,
+        status=status,
+        fit=fits.integer if fits is not None and fits.integer.status == "ok" else None,
+        gain=gain,
+        cutoff=cutoff,
+        highpass=highpass,
+        order_free=order,
+        noise=dark.rms,
+        noise_total=dark.rms_total,
+        input_noise=input_noise,
+    )
+    return result, budget
+
+
+def _filter_numbers(
+    fits: FilterFits | None, shifts: list[tuple[str, NDArray[np.float64]]], name: str
+) -> tuple[Estimate | None, Estimate | None, Estimate | None, Estimate | None, list[BudgetLine]]:
+    if fits is None or fits.integer.status != "ok":
+        return None, None, None, None, []
+    whole, free = fits.integer, fits.free
+    moved = [(source, whole.shifts(relative)) for source, relative in shifts]
+    gain, lines = _combined(
+        f"gain{name}", whole.gain, whole.gain_u, [(source, one.gain) for source, one in moved], "1"
+    )
+    cutoff, more = _combined(
+        f"cut-off{name}",
+        whole.cutoff_hz,
+        whole.cutoff_u_hz,
+        [(source, one.cutoff_hz) for source, one in moved],
+        "Hz",
+    )
+    highpass = order = None
+    if whole.highpass_hz:
+        terms = [(source, one.highpass_hz) for source, one in moved]
+        highpass, _ = _combined("", whole.highpass_hz, whole.highpass_u_hz, terms, "Hz")
+    if free.status == "ok":
+        terms = [(source, free.shifts(relative).order) for source, relative in shifts]
+        order, _ = _combined("", free.order, free.order_u, terms, "1")
+    return gain, cutoff, highpass, order, lines + more
+
+
+def _combined(
+    quantity: str, value: float, statistical: float, terms: list[tuple[str, float]], unit: str
+) -> tuple[Estimate, list[BudgetLine]]:
+    """Combine a statistical part with independent declared terms (JCGM 100, 5.1.2)."""
+    parts = [("scatter of the points", statistical), *terms]
+    variance = sum(part**2 for _, part in parts)
+    lines = [
+        BudgetLine(quantity, source, abs(part), unit, part**2 / variance if variance else 0.0)
+        for source, part in parts
+    ]
+    return Estimate(value, math.sqrt(variance), unit), sorted(lines, key=lambda one: -one.value)
+
+
+def _amplitude_rows(result: CodeResult, points: Points) -> list[AmplitudeRow]:
+    """Average the pass band of each amplitude, filter taken out, by all three estimators."""
+    if result.fit is None:
+        return []
+    rows = []
+    for amplitude in np.unique(points.amplitude_vpp):
+        mine = points.chosen(result.code, float(amplitude)) & points.usable
+        mine &= points.frequency_hz < PASS_BAND * result.fit.cutoff_hz
+        if not np.any(mine):
+            continue
+        shape = result.fit.shape(points.frequency_hz[mine])
+        weight = (shape / points.gain_u[mine]) ** 2
+        rows.append(
+            AmplitudeRow(
+                result.code,
+                float(amplitude),
+                float(np.average(points.gain[mine] / shape, weights=weight)),
+                float(weight.sum() ** -0.5),
+                float(np.average(points.gain_rms[mine] / shape, weights=weight)),
+                float(np.average(points.gain_peak[mine] / shape, weights=weight)),
+                int(np.count_nonzero(mine)),
+            )
+        )
+    return rows

@@ -1,0 +1,206 @@
+"""Measure the noise of a silent receiver at each gain code.
+
+The generator plays 0 V with its output on, so the receiver sees its source resistance. Without gains, which
+`procedures.characterize` measures, there is no best code here.
+
+Not modelled: noise that is not stationary, and lines other than the interleave line; the spectrum shows them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from belahil.errors import LimitExceeded, RefusedInput
+from belahil.outcome import Outcome, Table
+from belahil.stimuli import NoSignal
+from belahil.values import Estimate, RangeWindow, Shot, WindowRequest
+from procedures.dark_noise import DarkNoise, dark_noise
+from procedures.plans import Journal, PlannedShot, check_all, measure_all
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from matplotlib.figure import Figure
+
+    from belahil.bench import Bench
+    from belahil.config import BenchConfig
+
+DARK_WINDOWS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseOptions:
+    """What the user may choose.
+
+    Parameters
+    ----------
+    codes : tuple of int or None
+        Gain codes; None takes all that the receiver reports.
+    dark_windows : int
+        Silent windows for each gain code, at least one.
+    """
+
+    codes: tuple[int, ...] | None = None
+    dark_windows: int = DARK_WINDOWS
+
+    def __post_init__(self) -> None:
+        if self.codes == ():
+            raise RefusedInput("gain codes: at least one is needed")
+        if self.dark_windows < 1:
+            raise RefusedInput(f"{self.dark_windows} dark windows a code: at least 1 is needed")
+
+
+@dataclass(frozen=True, slots=True)
+class NoisePlan:
+    """Every shot of a noise measurement.
+
+    Parameters
+    ----------
+    codes : tuple of (int or None)
+        Gain codes; a single None for a receiver without them.
+    dark_windows, sample_count, converters : int
+        Windows a code, samples a window, interleaved converters.
+    """
+
+    codes: tuple[int | None, ...]
+    dark_windows: int
+    sample_count: int
+    converters: int
+
+    @property
+    def shots(self) -> tuple[PlannedShot, ...]:
+        """All windows of a code, then those of the next."""
+        codes = [code for code in self.codes for _ in range(self.dark_windows)]
+        return tuple(
+            PlannedShot(WindowRequest(shot, code, self.sample_count), NoSignal())
+            for shot, code in enumerate(codes)
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the plan as plain values, for the run's fingerprint."""
+        return asdict(self)
+
+
+def plan(bench: Bench, options: NoiseOptions) -> NoisePlan:
+    """Fit the options to what this bench can do.
+
+    Raises
+    ------
+    LimitExceeded
+        A gain code that the receiver does not have.
+    """
+    spec = bench.spec
+    made = NoisePlan(
+        codes=gain_codes(spec.gain_codes, options.codes),
+        dark_windows=options.dark_windows,
+        sample_count=spec.max_sample_count,
+        converters=spec.converters,
+    )
+    check_all(bench, made.shots)
+    return made
+
+
+def gain_codes(known: tuple[int, ...] | None, wanted: tuple[int, ...] | None) -> tuple[int | None, ...]:
+    """Return the gain codes to measure: the wanted ones, all known ones, or a single None.
+
+    Raises
+    ------
+    LimitExceeded
+        Codes were asked of a receiver without them.
+    """
+    if known is None:
+        if wanted is not None:
+            raise LimitExceeded(f"gain codes {', '.join(map(str, wanted))}: this receiver has no gain codes")
+        return (None,)
+    return tuple(dict.fromkeys(known if wanted is None else wanted))
+
+
+def measure(
+    bench: Bench, run: Journal, plan: NoisePlan, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Measure what the run does not hold yet; see `procedures.plans.measure_all`."""
+    measure_all(bench, run, plan.shots, progress)
+
+
+def analyse(plan: NoisePlan, shots: Iterable[Shot], config: BenchConfig) -> Outcome:
+    """Turn the recorded windows into results.
+
+    Parameters
+    ----------
+    plan : NoisePlan
+        What was measured.
+    shots : iterable of Shot
+        In any order.
+    config : BenchConfig
+        Not needed here; the same for all procedures.
+    """
+    windows: dict[int | None, list[RangeWindow]] = {code: [] for code in plan.codes}
+    for shot in shots:
+        windows[shot.window.gain_code].append(shot.window)
+    found = {code: dark_noise(ones, plan.converters) for code, ones in windows.items()}
+    return Outcome(
+        results={
+            "gain_codes": [
+                {
+                    "code": code,
+                    "noise_rms": _json(one.rms),
+                    "noise_rms_total": _json(one.rms_total),
+                    "offset_difference": _json(one.offset_difference),
+                    "windows": one.window_count,
+                    "status": one.status,
+                }
+                for code, one in found.items()
+            ]
+        },
+        tables=_tables(found),
+        figures={"noise": lambda: _figure(found)},
+        notes=[
+            "noise_rms is the analog noise at the converter; quantization, converter offsets and the "
+            "interleave line are taken out. noise_rms_total is the raw value.",
+            "Not modelled: noise that is not stationary, and lines other than the interleave line; the "
+            "spectrum shows them.",
+        ],
+        verdict_values={
+            "noise_rms_v": [
+                ("all" if code is None else f"code {code}", one.rms) for code, one in found.items()
+            ]
+        },
+    )
+
+
+def _json(estimate: Estimate | None) -> dict[str, Any] | None:
+    return None if estimate is None else estimate.as_json()
+
+
+def _tables(found: dict[int | None, DarkNoise]) -> dict[str, Table]:
+    ones = list(found.values())
+    known = np.array([one.rms is not None for one in ones])
+    rms = np.array([one.rms.value if one.rms else 0.0 for one in ones])
+    rms_u = np.array([one.rms.standard_uncertainty if one.rms else 0.0 for one in ones])
+    codes = {
+        "code": (np.array([-1 if code is None else code for code in found]), "1", "gain code"),
+        "noise_rms": (np.ma.masked_array(rms, ~known), "V", "analog noise at the converter, rms"),
+        "noise_rms_u": (np.ma.masked_array(rms_u, ~known), "V", "its standard uncertainty"),
+        "noise_rms_total": (np.array([one.rms_total.value for one in ones]), "V", "raw noise, rms"),
+        "noise_status": (np.array([one.status for one in ones]), "1", "ok, or what is missing"),
+    }
+    return {"codes": Table(codes, "gain_code_row"), "spectrum": spectrum_table(found)}
+
+
+def spectrum_table(found: dict[int | None, DarkNoise]) -> Table:
+    """Return the noise spectra of all codes as a table for the data file."""
+    frequency_hz = next(iter(found.values())).frequency_hz
+    columns = {"noise_frequency": (frequency_hz, "Hz", "frequency")}
+    for code, one in found.items():
+        name = "noise_density" if code is None else f"noise_density_code_{code}"
+        columns[name] = (one.density_v2_per_hz, "V2 Hz-1", "one-sided noise density at the converter")
+    return Table(columns, "noise_frequency")
+
+
+def _figure(found: dict[int | None, DarkNoise]) -> Figure:
+    from procedures.noise_figure import noise_figure
+
+    return noise_figure(found)
