@@ -174,18 +174,18 @@ def test_a_missing_or_broken_file_is_told(tmp_path: Path, name: str) -> None:
 
 def test_results_of_any_shape_are_laid_out() -> None:
     results = json.loads(
-        '{"clock": {"value": 12.3456, "standard_uncertainty": 0.123, "unit": "1"}, "empty": [],'
+        '{"clock_ppm": {"value": 12.3456, "standard_uncertainty": 0.123, "unit": "1e-6"}, "empty": [],'
         ' "interleave": {"gain": null,'
-        ' "skew": {"value": 4.2e-11, "standard_uncertainty": 1e-12, "unit": "s"}}'
-        ', "flags": [1, 2.5], "rows": [{"a": 1}, {"b": 2.5, "a": null}]}'
+        ' "skew_s": {"value": 4.2e-11, "standard_uncertainty": 1e-12, "unit": "s"}}'
+        ', "flags": [1, 2.5], "rows": [{"a": 1}, {"b_vpp": 2.5, "a": null}]}'
     )
     first, second = grids(results)
     assert first.rows == (
-        ("clock", "12.35(12)"),
+        ("clock", "12.35(12) ppm"),
         ("empty", "\N{EN DASH}"),
         ("interleave gain", "\N{EN DASH}"),
         ("interleave skew", "42.0(1.0) ps"),
         ("flags", "1, 2.5"),
     )
-    assert (second.columns, second.rows) == (("a", "b"), (("1", "\N{EN DASH}"), ("\N{EN DASH}", "2.5")))
+    assert (second.columns, second.rows) == (("a", "b (Vpp)"), (("1", "\N{EN DASH}"), ("\N{EN DASH}", "2.5")))
     assert one_text(None) == "\N{EN DASH}"

@@ -47,4 +47,4 @@ def _paragraphs(name: str) -> Iterator[str]:
     for thing in [module, *filter(inspect.isclass, own)]:
         _, mark, after = (inspect.getdoc(thing) or "").partition(MARK)
         if mark:
-            yield " ".join(after.split("\n\n")[0].split())
+            yield " ".join(after.split("\n\n")[0].replace("`", "").split())

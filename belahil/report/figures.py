@@ -60,9 +60,10 @@ def save_figures(
 
 
 def _mark(figure: Figure, label: str) -> None:
-    figure.text(0.995, 0.995, label, ha="right", va="top", fontsize=8, color="#a00000", weight="bold")
+    figure.text(0.995, 0.005, label, ha="right", va="bottom", fontsize=8, color="#a00000", weight="bold")
+    size = 4 * figure.get_figwidth()  # points, so that the words fill half the width
     figure.text(
-        0.5, 0.5, label, ha="center", va="center", fontsize=44, rotation=24, color="#a00000", alpha=0.07
+        0.5, 0.5, label, ha="center", va="center", fontsize=size, rotation=24, color="#a00000", alpha=0.07
     )
 
 

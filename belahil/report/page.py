@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 from belahil.errors import RefusedInput, StorageError
 from belahil.report.figures import LABELS
-from belahil.report.tables import grids, named, one_text
+from belahil.report.tables import grids, named, one_text, unit_text
 from belahil.run_folder import read_json
 from belahil.storage import write_whole
+from belahil.uncertainty import prefix_power
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from belahil.outcome import Outcome
     from belahil.verdict import Check
+
+LONG = 20  # rows of a table that a page shows at once
 
 
 def material(
@@ -73,10 +76,16 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"named": named, "one_text": one_text, "quantity": _quantity}
+    environment.filters |= {
+        "named": named,
+        "one_text": one_text,
+        "quantity": _quantity,
+        "moment": lambda date: date[:19].replace("T", " "),
+    }
     text = environment.get_template("page.html.jinja").render(
         summary=summary,
         told=told,
+        LONG=LONG,
         label=LABELS[summary["source"]],
         grids=grids(summary["results"]),
         figures=[{**figure, "drawing": _drawing(folder / figure["svg"])} for figure in told["figures"]],
@@ -120,10 +129,8 @@ def _drawing(path: Path) -> str:
 
 
 def _quantity(value: float, unit: str) -> str:
-    from belahil.uncertainty import PREFIXES, prefix_power
-
     power = prefix_power(value, unit)
-    return f"{value / 10**power:.3g} {'' if unit == '1' else PREFIXES[power] + unit}".strip()
+    return f"{value / 10**power:.3g} {unit_text(unit, power)}".strip()
 
 
 def _grouped(budget: Sequence[Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:

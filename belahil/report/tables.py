@@ -8,6 +8,7 @@ from typing import Any
 
 from belahil.uncertainty import PREFIXES, prefix_power, written
 
+SUFFIXES = {"hz": "Hz", "v": "V", "vpp": "Vpp", "s": "s", "ppm": "ppm", "db": "dB", "ohm": "ohm"}
 MISSING = "\N{EN DASH}"
 
 
@@ -42,22 +43,39 @@ def grids(results: dict[str, Any]) -> list[Grid]:
     rest = {key: value for key, value in results.items() if key not in lists}
     found = [_grid(named(key), [_flat(row) for row in rows]) for key, rows in lists.items()]
     if rest:
-        rows = tuple((named(key), one_text(value)) for key, value in _flat(rest).items())
+        rows = tuple((named(key, value), one_text(value)) for key, value in _flat(rest).items())
         found.insert(0, Grid("Results", ("quantity", "value"), rows))
     return found
 
 
-def named(key: str) -> str:
-    """Turn a key into words."""
-    return key.replace("_", " ")
+def named(key: str, value: Any = None) -> str:
+    """Turn a key into words; a unit in it goes into parentheses, or away where `value` brings its own.
+
+    Examples
+    --------
+    >>> named("best_code"), named("amplitude_vpp", 0.003)
+    ('best code', 'amplitude (Vpp)')
+    >>> named("skew_s", {"value": 1e-12, "standard_uncertainty": 1e-13, "unit": "s"})
+    'skew'
+    """
+    front, _, last = key.rpartition("_")
+    if not front or last not in SUFFIXES:
+        return key.replace("_", " ")
+    words = front.replace("_", " ")
+    return words if value is None or _is_measured(value) else f"{words} ({SUFFIXES[last]})"
 
 
 def one_text(value: Any) -> str:
     """Write one result with its unit."""
     if _is_measured(value):
         power = prefix_power(value["value"], value["unit"])
-        return f"{_cell(value, power)} {_unit(value['unit'], power)}".strip()
+        return f"{_cell(value, power)} {unit_text(value['unit'], power)}".strip()
     return _cell(value, 0)
+
+
+def unit_text(unit: str, power: int) -> str:
+    """Write a unit with the prefix for a power of ten; a dimensionless one is empty, 1e-6 is ppm."""
+    return {"1": "", "1e-6": "ppm"}.get(unit, f"{PREFIXES[power]}{unit}")
 
 
 def _is_table(value: Any) -> bool:
@@ -88,14 +106,12 @@ def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
         unit = measured[0]["unit"] if measured else "1"
         sizes = [abs(cell["value"]) for cell in measured]
         powers[key] = prefix_power(statistics.median_high(sizes), unit) if sizes else 0
-        shown = _unit(unit, powers[key])
-        headings.append(f"{named(key)} ({shown})" if shown else named(key))
+        shown = unit_text(unit, powers[key])
+        sample = next((row[key] for row in rows if row.get(key) is not None), None)
+        name = named(key, sample)
+        headings.append(f"{name} ({shown})" if shown else name)
     cells = tuple(tuple(_cell(row.get(key), powers[key]) for key in keys) for row in rows)
     return Grid(title, tuple(headings), cells)
-
-
-def _unit(unit: str, power: int) -> str:
-    return "" if unit == "1" else f"{PREFIXES[power]}{unit}"
 
 
 def _cell(value: Any, power: int) -> str:
