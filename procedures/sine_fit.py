@@ -48,9 +48,9 @@ class SineFit:
     Parameters
     ----------
     status : str
-        "ok"; "masked": samples were left out, all is good; "clipped": samples were at the converter's end,
-        the amplitude is too small (IEEE 1057 fits no saturated samples either, and the rest is selected by
-        noise); "below_dither": less than half a count and too little noise to see it; "short_record": less
+        "ok"; "masked": samples were left out, and what is left is good; "clipped": samples lie at the
+        converter's end, and no fit is made, since noise selects the others (their amplitude is some percent
+        too small); "below_dither": less than half a code and too little noise to see it; "short_record": less
         than half a cycle; "frequency_not_measurable": at this frequency offset, image and sine are one (a
         multiple of f_s / 4 with two converters, of f_s / 2 with one); "no_signal": all samples equal.
     frequency : Estimate
@@ -147,8 +147,7 @@ class SinePlan:
         keep : ndarray of bool, shape (sample_count,), or None
             Samples to use; None for all.
         saturated : int
-            How many samples the digitizer says are clipped. They lie at the extremes, are left out, and the
-            fit is marked "clipped".
+            How many samples the digitizer says are clipped.
         volts_per_count : float
             Size of one code, V; 0 when the record is not quantized.
 
@@ -159,22 +158,24 @@ class SinePlan:
         """
         if volts.shape != (self.sample_count,):
             raise ValueError(f"a record of shape {volts.shape}; the plan is for {self.sample_count} samples")
-        design, record = self._design, volts
+        if saturated:
+            return self._nothing("clipped", self._design)
+        design, record, seen = self._design, volts, volts
         # One product tells whether every sample is finite.
-        if keep is not None or saturated or not math.isfinite(volts @ volts):
-            used = _used(volts, keep, saturated)
+        if keep is not None or not math.isfinite(volts @ volts):
+            used = np.isfinite(volts) if keep is None else keep & np.isfinite(volts)
             if not used.all():
-                design, record = self._designed(used), np.where(used, volts, 0.0)
+                design, record, seen = self._designed(used), np.where(used, volts, 0.0), volts[used]
         # A fit from fewer than three samples for each column would be no measurement.
-        if design.used < 3 * design.size or _is_constant(volts if design is self._design else volts[used]):
-            return self._nothing("clipped" if saturated else "no_signal", design)
+        if seen.size < 3 * design.size:
+            return self._nothing("no_signal", design)
         if design.condition > WORST_CONDITION:
             return self._nothing("frequency_not_measurable", design)
+        if _is_constant(seen):
+            return self._nothing("no_signal", design)
         fit = self._described(design, design.solve(record), volts_per_count)
         status: SineStatus = "ok" if design is self._design else "masked"
-        if saturated:
-            status = "clipped"
-        elif self.cycles < 0.5:
+        if self.cycles < 0.5:
             status = "short_record"
         elif volts_per_count and _is_lost(fit, volts_per_count):
             status = "below_dither"
@@ -226,13 +227,6 @@ class SinePlan:
             used=design.used,
             phasors=np.zeros(0, dtype=np.complex128),
         )
-
-
-def _used(volts: Array, keep: NDArray[np.bool_] | None, saturated: int) -> NDArray[np.bool_]:
-    used = np.isfinite(volts) if keep is None else keep & np.isfinite(volts)
-    if saturated and np.any(used):
-        used &= (volts < volts[used].max()) & (volts > volts[used].min())
-    return used
 
 
 def _is_constant(volts: Array) -> bool:
