@@ -54,7 +54,7 @@ class ScpiSession:
         self.identity = ""
         self._get_in_step()
         first, self.identity = self.identity, ""
-        self._get_in_step()
+        self._identify()
         if first != self.identity:
             raise CorruptData(f'{name}: the instrument was "{first}" and now says "{self.identity}"')
 
@@ -134,6 +134,11 @@ class ScpiSession:
     def _get_in_step(self) -> None:
         self._link.clear()
         self._rest = b""
+        self._identify()
+        self._in_step = True
+
+    def _identify(self) -> None:
+        """Ask for the name, and drop what answers older questions."""
         tag = self._next_tag()
         # IEEE 488.2 wants *IDN? to be the last query of a message.
         self._write(f"*ESE {tag};*ESE?;*IDN?\n".encode("ascii"))
@@ -146,7 +151,6 @@ class ScpiSession:
                 f'{self._name}: the instrument was "{self.identity}" and now says "{fields[1]}"'
             )
         self.identity = fields[1]
-        self._in_step = True
 
     def _next_tag(self) -> int:
         self._tag = self._tag % 255 + 1

@@ -38,7 +38,7 @@ class VisaLink:
     Notes
     -----
     A raw socket cannot be cleared and does not tell a closed link from a slow one: `clear` connects anew,
-    which does both.
+    which does both, unless nothing was sent yet.
     """
 
     def __init__(self, address: str, library: Any = "") -> None:
@@ -53,6 +53,7 @@ class VisaLink:
         self._timeout_s = WRITE_TIMEOUT_S
         self._resource: Any = self._opened()
         self._is_socket = self._resource.resource_class == "SOCKET"
+        self._is_fresh = True
 
     def _opened(self) -> Any:
         try:
@@ -80,6 +81,7 @@ class VisaLink:
         LinkError
             The bus failed.
         """
+        self._is_fresh = False
         try:
             self._connected().write_raw(data)
         except (OSError, self._pyvisa.errors.Error) as error:
@@ -122,6 +124,8 @@ class VisaLink:
         LinkError
             The bus failed.
         """
+        if self._is_fresh and self._is_socket:
+            return
         if not self._is_socket:
             try:
                 self._connected().clear()
@@ -133,6 +137,7 @@ class VisaLink:
                     raise self._failed(error) from error
         self.close()
         self._resource = self._opened()
+        self._is_fresh = True
 
     def close(self) -> None:
         """Let go of the session; never raises."""

@@ -476,10 +476,10 @@ def test_values_beyond_full_scale_are_clipped_and_queued() -> None:
     assert bench.errors() == []
     bench.send("DATA:ARB b,2,-2,0,0,0,0,0,1e300")
     assert bench.errors() == [-222]
-    # 14 bits: steps of four codes, 8191 of them on each side.
+    # The memory holds 16 bits; the plant rounds to the 14 bits of the converter.
     arb = bench.port.setting.arb
     assert arb is not None
-    assert list(arb.codes) == [32764, -32764, 0, 0, 0, 0, 0, 0]
+    assert list(arb.codes) == [32767, -32767, 0, 0, 0, 0, 0, 1]
 
 
 def test_memory_is_limited_and_can_be_cleared() -> None:

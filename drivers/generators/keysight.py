@@ -19,6 +19,7 @@ from belahil.errors import (
     LinkError,
 )
 from belahil.generators import GeneratorSetting, model_of, setting_for, stimulus_of
+from belahil.stimuli import SampledPulse, Sine
 from drivers.generators.keysight_items import (
     agrees,
     base_items,
@@ -102,7 +103,7 @@ class KeysightGenerator:
         """
         wanted = setting_for(stimulus, self._model, self._load_ohm, trigger)
         self._apply(replace(wanted, output=self._stays_on(wanted)))
-        return stimulus_of(wanted)
+        return stimulus_of(wanted) if isinstance(stimulus, Sine | SampledPulse) else stimulus
 
     def output(self, on: bool) -> None:
         """Connect or disconnect the output.

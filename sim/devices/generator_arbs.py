@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from sim.devices.scpi.parser import Token
 
+# A point in memory; the converter may have fewer (assumed: attributes are those of the memory).
+MEMORY_BITS = 16
 BUILT_IN = r"INT:\BUILTIN\EXP_RISE.ARB"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,11}")
 
@@ -40,14 +42,14 @@ class ArbMemory:
     Parameters
     ----------
     model : GeneratorModel
-        Gives the resolution and the length limits.
+        Gives the length limits.
     """
 
     def __init__(self, model: GeneratorModel) -> None:
         self._model = model
         # The shape is assumed: one time constant per fifth of 200 points.
         rise = 1 - np.exp(-np.arange(200) / 40)
-        self._built_in = dac_codes(2 * rise / rise[-1] - 1, model.dac_bits)
+        self._built_in = dac_codes(2 * rise / rise[-1] - 1, MEMORY_BITS)
         self._volatile: dict[str, NDArray[np.int16]] = {}
 
     def clear(self) -> None:
@@ -77,7 +79,7 @@ class ArbMemory:
         return self._model.max_points - sum(codes.size for codes in self._volatile.values())
 
     def store(self, name: str, relative: NDArray[np.float64], report: Report) -> None:
-        """Keep a waveform on the grid of the DAC.
+        """Keep a waveform; the plant rounds it to the grid of the DAC when it is played.
 
         Parameters
         ----------
@@ -99,7 +101,7 @@ class ArbMemory:
             raise ScpiError(-230)
         if np.max(np.abs(relative)) > 1:
             report(ScpiError(-222, "arb values clipped"))
-        self._volatile[name] = dac_codes(np.clip(relative, -1, 1), self._model.dac_bits)
+        self._volatile[name] = dac_codes(np.clip(relative, -1, 1), MEMORY_BITS)
 
 
 def read_points(tokens: tuple[Token, ...], dac: bool, swapped: bool) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -10,6 +11,8 @@ import serial
 from serial.serialutil import PortNotOpenError, SerialBase
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from belahil.interfaces import Clock
 
 SCHEME = "grm://"
@@ -105,7 +108,8 @@ class EmulatedPort(SerialBase):  # type: ignore[misc]
     @property
     def in_waiting(self) -> int:
         """Bytes that are ready."""
-        return self._connected().device.waiting
+        with self._connected() as line:
+            return line.device.waiting
 
     @property
     def out_waiting(self) -> int:
@@ -120,14 +124,14 @@ class EmulatedPort(SerialBase):  # type: ignore[misc]
         serial.SerialException
             The port has no time-out, and what it would wait for never comes.
         """
-        line = self._connected()
         taken = b""
-        while len(taken) < size:
-            more = line.device.read(size - len(taken))
-            if not more:
-                self._expire(line)
-                break
-            taken += more
+        with self._connected() as line:
+            while len(taken) < size:
+                more = line.device.read(size - len(taken))
+                if not more:
+                    self._expire(line)
+                    break
+                taken += more
         return taken
 
     def _expire(self, line: _Line) -> None:
@@ -139,7 +143,8 @@ class EmulatedPort(SerialBase):  # type: ignore[misc]
     def write(self, data: Any) -> int:
         """Hand over bytes."""
         octets = bytes(data)
-        self._connected().device.write(octets)
+        with self._connected() as line:
+            line.device.write(octets)
         return len(octets)
 
     def flush(self) -> None:
@@ -147,15 +152,21 @@ class EmulatedPort(SerialBase):  # type: ignore[misc]
 
     def reset_input_buffer(self) -> None:
         """Drop what is ready."""
-        self._connected().device.clear()
+        with self._connected() as line:
+            line.device.clear()
 
     def reset_output_buffer(self) -> None:
         """Do nothing: what was written has arrived."""
 
-    def _connected(self) -> _Line:
+    @contextmanager
+    def _connected(self) -> Iterator[_Line]:
+        """Give the line, and say in pyserial's way that it is gone."""
         if self._line is None:
             raise PortNotOpenError()
-        return self._line
+        try:
+            yield self._line
+        except ConnectionError as error:
+            raise serial.SerialException(f"{self.port} is disconnected: {error}") from error
 
     def _reconfigure_port(self) -> None:
         """Accept any line setting."""

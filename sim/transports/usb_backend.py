@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from usb.backend import IBackend
 
 if TYPE_CHECKING:
     from array import array
+    from collections.abc import Iterator
 
     from belahil.interfaces import Clock
     from sim.transports.serial_port import ByteDevice
@@ -22,7 +24,7 @@ OUT, IN = 0x01, 0x81
 _PACKET_BYTES = 512
 _CONFIGURATION = 1
 _USB_2_0, _HIGH_SPEED = 0x0200, 3
-_LIBUSB_TIMEOUT, _LIBUSB_NO_DEVICE, _LIBUSB_NOT_SUPPORTED = -7, -4, -12
+_LIBUSB_NO_DEVICE, _LIBUSB_TIMEOUT, _LIBUSB_PIPE = -4, -7, -9
 
 
 class EmulatedUsb(IBackend):  # type: ignore[misc]
@@ -151,7 +153,8 @@ class EmulatedUsb(IBackend):  # type: ignore[misc]
 
     def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: array[int], timeout: int) -> int:
         """Hand over one transfer."""
-        self._device.write(data.tobytes())
+        with _telling():
+            self._device.write(data.tobytes())
         return len(data)
 
     def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: array[int], timeout: int) -> int:
@@ -162,7 +165,8 @@ class EmulatedUsb(IBackend):  # type: ignore[misc]
         usb.core.USBTimeoutError
             There is nothing: the time-out has expired.
         """
-        data = self._device.read(len(buff))
+        with _telling():
+            data = self._device.read(len(buff))
         if not data:
             self._clock.sleep_s(timeout / 1e3)
             raise usb.core.USBTimeoutError("Operation timed out", _LIBUSB_TIMEOUT, errno.ETIMEDOUT)
@@ -177,7 +181,7 @@ class EmulatedUsb(IBackend):  # type: ignore[misc]
         usb.core.USBError
             Always.
         """
-        raise usb.core.USBError("Pipe error", _LIBUSB_NOT_SUPPORTED, errno.EPIPE)
+        raise usb.core.USBError("Pipe error", _LIBUSB_PIPE, errno.EPIPE)
 
     def is_kernel_driver_active(self, dev_handle: Any, intf: int) -> bool:
         """Tell that no kernel driver holds it."""
@@ -188,6 +192,15 @@ class EmulatedUsb(IBackend):  # type: ignore[misc]
 
     set_configuration = set_interface_altsetting = claim_interface = release_interface = _accept
     clear_halt = reset_device = _accept
+
+
+@contextmanager
+def _telling() -> Iterator[None]:
+    """Say in pyusb's way that the device is gone."""
+    try:
+        yield
+    except ConnectionError as error:
+        raise usb.core.USBError(f"No such device: {error}", _LIBUSB_NO_DEVICE, errno.ENODEV) from error
 
 
 def _only(index: int, count: int) -> None:

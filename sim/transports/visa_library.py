@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -14,7 +15,7 @@ from pyvisa.typing import VISARMSession, VISASession
 from pyvisa.util import LibraryPath
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from belahil.interfaces import Clock
 
@@ -138,7 +139,8 @@ class EmulatedVisa(VisaLibraryBase):
     def write(self, session: VISASession, data: bytes) -> tuple[int, StatusCode]:
         """Hand over a message, with END unless that is switched off."""
         opened = self._opened(session)
-        opened.device.write(bytes(data), bool(opened.attributes[ResourceAttribute.send_end_enabled]))
+        with self._telling(session):
+            opened.device.write(bytes(data), bool(opened.attributes[ResourceAttribute.send_end_enabled]))
         return len(data), self.handle_return_value(session, StatusCode.success)
 
     def read(self, session: VISASession, count: int) -> tuple[bytes, StatusCode]:
@@ -150,7 +152,8 @@ class EmulatedVisa(VisaLibraryBase):
         opened = self._opened(session)
         unread, attributes = opened.unread, opened.attributes
         if not unread:
-            message = opened.device.read()
+            with self._telling(session):
+                message = opened.device.read()
             if not message:
                 self._expire(session, attributes[ResourceAttribute.timeout_value])
             unread += message or b""
@@ -175,7 +178,8 @@ class EmulatedVisa(VisaLibraryBase):
         """Clear the device and what was not read."""
         opened = self._opened(session)
         opened.unread.clear()
-        opened.device.clear()
+        with self._telling(session):
+            opened.device.clear()
         return self.handle_return_value(session, StatusCode.success)
 
     def flush(self, session: VISASession, mask: constants.BufferOperation) -> StatusCode:
@@ -220,6 +224,14 @@ class EmulatedVisa(VisaLibraryBase):
     ) -> StatusCode:
         """Do nothing: there are no events."""
         return StatusCode.success
+
+    @contextmanager
+    def _telling(self, session: VISASession) -> Iterator[None]:
+        """Say in VISA's way that a device is gone."""
+        try:
+            yield
+        except ConnectionError:
+            self.handle_return_value(session, StatusCode.error_connection_lost)
 
     def _opened(self, session: int) -> _Session:
         if session not in self._sessions:

@@ -1,0 +1,325 @@
+"""The SCPI session: an answer proves its question, or a typed error comes."""
+
+from __future__ import annotations
+
+import re
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from belahil.clock import SystemClock
+from belahil.errors import (
+    ConfigError,
+    CorruptData,
+    InstrumentError,
+    LinkClosed,
+    LinkError,
+    LinkTimeout,
+    StaleData,
+)
+from drivers import scpi
+from drivers.scpi import ScpiSession, read_error
+from drivers.visa_link import VisaLink
+
+IDENTITY = "Agilent Technologies,33522B,1,2"
+
+
+class ScriptedLink:
+    """An instrument that answers by a table; `disturb` changes or withholds what it sends."""
+
+    def __init__(self) -> None:
+        self.table = {"*IDN?": IDENTITY, "A?": "1", "B?": '"x;y"', ":SYST:ERR?": '+0,"No error"'}
+        self.sent: list[bytes] = []
+        self.arriving: list[bytes] = []
+        self.disturb = lambda answer: [answer]
+        self.clears = 0
+        self.now = 0.0
+        self._enable = ""
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        answers = []
+        for unit in data.decode("latin-1").strip().split(";"):
+            if unit.startswith("*ESE "):
+                self._enable = "+" + unit[5:]
+            elif unit == "*ESE?":
+                answers.append(self._enable)
+            elif unit.endswith("?"):
+                answers.append(self.table[unit])
+        if answers:
+            self.arriving += self.disturb((";".join(answers) + "\n").encode())
+
+    def read(self, count: int, timeout_s: float) -> bytes:
+        if self.arriving:
+            return self.arriving.pop(0)
+        self.now += timeout_s
+        return b""
+
+    def clear(self) -> None:
+        self.clears += 1
+        self.arriving.clear()
+
+    def close(self) -> None:
+        self.sent.append(b"closed")
+
+    def now_s(self) -> float:
+        return self.now
+
+    def sleep_s(self, duration_s: float) -> None:
+        self.now += duration_s
+
+
+def _session() -> tuple[ScpiSession, ScriptedLink]:
+    link = ScriptedLink()
+    return ScpiSession(link, link, "here"), link
+
+
+def test_questions_are_numbered_and_answers_cut_outside_of_quotes() -> None:
+    # given a session
+    session, link = _session()
+    assert session.identity == IDENTITY
+    # when two things are asked, one of which answers with a semicolon in quotes
+    answers = session.ask("A?", "B?")
+    # then both come, and the message carried a number of its own
+    assert answers == ["1", '"x;y"']
+    assert re.fullmatch(rb"\*ESE \d+;A\?;B\?;\*ESE\?\n", link.sent[-1])
+
+
+def test_numbers_go_round_without_zero() -> None:
+    session, link = _session()
+    for _ in range(300):
+        assert session.ask("A?") == ["1"]
+    numbers = [int(found) for found in re.findall(rb"\*ESE (\d+);A", b"".join(link.sent))]
+    assert numbers == [(index + 2) % 255 + 1 for index in range(300)]
+
+
+def test_an_answer_in_pieces_is_put_together() -> None:
+    session, link = _session()
+    link.disturb = lambda answer: [answer[:1], answer[1:4], answer[4:]]
+    assert session.ask("A?", "B?") == ["1", '"x;y"']
+
+
+@pytest.mark.parametrize(
+    ("disturbed", "error"),
+    [
+        (lambda answer: [], LinkTimeout),
+        (lambda answer: [answer[:-2]], LinkTimeout),
+        (lambda answer: [answer[:1] + b"\n"], StaleData),
+        (lambda answer: [b"what;\n"], CorruptData),
+        (lambda answer: [b"\n"], CorruptData),
+        (lambda answer: [b"1;2;" + answer], CorruptData),
+        (lambda answer: [b"7;" + answer.replace(b"+3", b"+2")], StaleData),
+    ],
+)
+def test_what_is_no_proof_is_an_error_and_the_session_is_in_step_again(
+    disturbed: object, error: type[LinkError]
+) -> None:
+    # given a session whose next answer is disturbed, once
+    session, link = _session()
+
+    def once(answer: bytes) -> list[bytes]:
+        link.disturb = lambda intact: [intact]
+        return disturbed(answer)  # type: ignore[operator,no-any-return]
+
+    link.disturb = once
+    # when something is asked
+    with pytest.raises(error, match="here"):
+        session.ask("A?")
+    # then the link was cleared, the instrument has named itself, and the next question is answered
+    assert link.sent[-1].endswith(b"*IDN?\n")
+    assert session.ask("A?", "B?") == ["1", '"x;y"']
+
+
+def test_a_late_answer_is_never_the_answer_of_the_next_question() -> None:
+    # given an answer that comes only after its time-out, past any clearing
+    session, link = _session()
+    late: list[bytes] = []
+
+    def delayed(answer: bytes) -> list[bytes]:
+        if late:
+            link.disturb = lambda intact: [intact]
+            return [*late, answer]
+        late.append(answer)
+        return []
+
+    link.disturb = delayed
+    with pytest.raises(LinkTimeout, match="no answer in 2 s"):
+        session.ask("A?")
+    assert link.now == 2.0
+    # when the next question is asked, another answer is due
+    link.table["A?"] = "2"
+    # then that one comes
+    assert session.ask("A?") == ["2"]
+
+
+def test_another_instrument_on_the_same_link_is_refused() -> None:
+    session, link = _session()
+    link.table["*IDN?"] = "Agilent Technologies,33521B,9,2"
+    link.disturb = lambda answer: [] if b"+3" in answer else [answer]
+    with pytest.raises(InstrumentError, match=r'was "Agilent .*33522B,1,2" and now says ".*33521B'):
+        session.ask("A?")
+
+
+def test_an_instrument_that_names_itself_differently_twice_is_not_opened() -> None:
+    link = ScriptedLink()
+    answers = iter([IDENTITY, IDENTITY.replace("2B", "0B")])
+    link.disturb = lambda answer: [answer.replace(IDENTITY.encode(), next(answers).encode())]
+    with pytest.raises(CorruptData, match="now says"):
+        ScpiSession(link, link, "here")
+
+
+def test_silence_after_a_time_out_stays_an_error_until_the_instrument_is_back() -> None:
+    session, link = _session()
+    link.disturb = lambda answer: []
+    for _ in range(2):
+        with pytest.raises(LinkTimeout):
+            session.ask("A?")
+    link.disturb = lambda answer: [answer]
+    assert session.ask("A?") == ["1"]
+
+
+def test_the_error_queue_is_emptied_in_order() -> None:
+    session, link = _session()
+    queue = ['-222,"Data out of range; clipped"', '+785,"no such arb"', '+0,"No error"']
+    link.disturb = lambda answer: [answer.replace(b'+0,"No error"', queue.pop(0).encode())]
+    assert session.errors() == [(-222, "Data out of range; clipped"), (785, "no such arb")]
+
+
+@pytest.mark.parametrize("answer", ["", "0", "+0", '+0,"No error', 'x,"No error"', "No error"])
+def test_what_is_no_queue_entry_is_corrupt(answer: str) -> None:
+    with pytest.raises(CorruptData):
+        read_error(answer)
+
+
+def test_a_block_says_its_length() -> None:
+    session, link = _session()
+    session.send_block("DATA X,", b"\n" * 12)
+    session.send("C 1", "D 2")
+    assert link.sent[-2:] == [b"DATA X,#212" + b"\n" * 12 + b"\n", b"C 1;D 2\n"]
+    session.close()
+    assert link.sent[-1] == b"closed"
+
+
+@given(
+    value=st.from_regex(r"[!#-:<-~]{1,6}", fullmatch=True),
+    place=st.integers(0, 40),
+    bit=st.integers(0, 7),
+    kind=st.sampled_from(["flip", "cut", "double", "drop"]),
+)
+def test_one_damage_gives_the_right_number_of_fields_or_an_error(
+    value: str, place: int, bit: int, kind: str
+) -> None:
+    # given an instrument whose next answer is damaged at one place
+    session, link = _session()
+    link.table["A?"] = value
+
+    def damaged(answer: bytes) -> list[bytes]:
+        link.disturb = lambda intact: [intact]
+        at = place % len(answer)
+        flipped = answer[:at] + bytes([answer[at] ^ 1 << bit]) + answer[at + 1 :]
+        return {"flip": [flipped], "cut": [answer[:at]], "double": [answer, answer], "drop": []}[kind]
+
+    link.disturb = damaged
+    # when it is asked twice
+    for _ in range(2):
+        try:
+            answer = session.ask("A?", "B?")
+        except LinkError:
+            continue
+        # then an answer differs from the right one in that place at most: its number is its own
+        assert len(answer) == 2
+        assert kind == "flip" or answer == [value, '"x;y"']
+
+
+# On real sockets, with pyvisa-py.
+
+
+@contextmanager
+def _served(*behaviours: str) -> Iterator[str]:
+    """Serve connections one after the other; each behaves as told from its third message on."""
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def attend(connection: socket.socket, behaviour: str) -> None:
+        with connection, connection.makefile("rb") as lines:
+            for count, line in enumerate(lines):
+                number = re.match(rb"\*ESE (\d+)", line)
+                said = number[1] if number else b""
+                answer = said + b";" + IDENTITY.encode() if b"IDN" in line else b"1;" + said
+                if count < 2 or behaviour == "sound":
+                    connection.sendall(answer + b"\n")
+                elif behaviour == "close":
+                    return
+                elif behaviour == "cut":
+                    connection.sendall(answer[:1])
+
+    def accept() -> None:
+        for behaviour in behaviours:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            threads.append(threading.Thread(target=attend, args=(connection, behaviour)))
+            threads[-1].start()
+        listener.close()
+
+    threads = [threading.Thread(target=accept)]
+    threads[0].start()
+    try:
+        yield f"TCPIP::127.0.0.1::{listener.getsockname()[1]}::SOCKET"
+    finally:
+        listener.close()
+        for thread in threads:
+            thread.join(5)
+
+
+@pytest.mark.parametrize("behaviour", ["mute", "cut"])
+def test_a_slow_socket_is_a_time_out_and_a_new_connection_is_in_step(
+    behaviour: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scpi, "ANSWER_TIMEOUT_S", 0.2)
+    with _served(behaviour, "sound") as address:
+        session = ScpiSession(VisaLink(address, "@py"), SystemClock(), address)
+        with pytest.raises(LinkTimeout):
+            session.ask("A?")
+        assert session.ask("A?") == ["1"]
+        session.close()
+
+
+def test_a_closed_socket_is_told_from_a_slow_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    # given an instrument that closes in the middle of a question, and does not come back
+    monkeypatch.setattr(scpi, "ANSWER_TIMEOUT_S", 0.2)
+    with _served("close") as address:
+        session = ScpiSession(VisaLink(address, "@py"), SystemClock(), address)
+        # when it is asked, then its link is closed, not late
+        with pytest.raises(LinkClosed, match=r"nobody answers at TCPIP::127\.0\.0\.1"):
+            session.ask("A?")
+        session.close()
+
+
+def test_an_address_where_nobody_answers_is_one_clear_line() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    address = f"TCPIP::127.0.0.1::{port}::SOCKET"
+    with (
+        closing(VisaLink(address, "@py")) as link,
+        pytest.raises(LinkClosed, match=f"nobody answers at {address}: .*refused") as caught,
+    ):
+        ScpiSession(link, SystemClock(), address)
+    assert caught.value.exit_status == 3
+    assert "\n" not in str(caught.value)
+
+
+def test_an_address_that_is_none_is_refused_input() -> None:
+    with pytest.raises(ConfigError, match='address = "COM"') as caught:
+        VisaLink("COM", "@py")
+    assert caught.value.exit_status == 2
+
+
+def test_a_library_that_is_not_there_is_named() -> None:
+    with pytest.raises(InstrumentError, match='visa_library = "@nowhere"'):
+        VisaLink("TCPIP::127.0.0.1::1::SOCKET", "@nowhere")
