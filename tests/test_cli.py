@@ -514,3 +514,42 @@ def test_a_report_is_made_again(capsys: Captured) -> None:
     assert main(["report", "run"]) == 0
     assert capsys.readouterr().out == f"report: {Path('run/report.html')}\n"
     assert Path("run/report.html").read_text() == page
+
+
+SHOWS_PROGRESS = """
+import time
+from belahil.cli.progress import shown
+with shown(False, kept=0) as progress:
+    for done in range(1, 4):
+        time.sleep(0.15)
+        progress(done, 3)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_a_terminal_sees_a_bar_with_the_time_left() -> None:
+    import pty
+
+    master, slave = pty.openpty()
+    process = subprocess.Popen([sys.executable, "-c", SHOWS_PROGRESS], cwd=ROOT, stderr=slave)
+    os.close(slave)
+    seen = b""
+    try:
+        while portion := os.read(master, 4096):
+            seen += portion
+    except OSError:  # the way Linux tells that the other end is closed
+        pass
+    os.close(master)
+    assert process.wait(timeout=20) == 0
+    assert re.search(rb"2/3.* windows, \d s left", seen)
+
+
+def test_lines_come_now_and_then(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    from belahil.cli.progress import shown
+
+    now = iter([0.0, 2.0, 6.0, 7.0, 12.0])
+    monkeypatch.setattr("belahil.cli.progress.time.monotonic", lambda: next(now))
+    with shown(False, kept=0) as progress:
+        for done in range(1, 5):
+            progress(done, 4)
+    assert capsys.readouterr().err == "2 of 4 windows, 6 s left\n4 of 4 windows, 0 s left\n"

@@ -7,7 +7,7 @@ import sys
 import time
 import traceback
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -132,7 +132,11 @@ def _dated(procedure: str) -> Path:
 def _options(procedure: Any, job: Job, told: Mapping[str, Any]) -> Any:
     from msgspec import convert
 
-    return convert(dict(told), getattr(procedure, job.options_type))
+    kind = getattr(procedure, job.options_type)
+    strangers = told.keys() - {field.name for field in fields(kind)}
+    if strangers:
+        raise TypeError(f"{job.options_type} has no {', '.join(sorted(strangers))}")
+    return convert(dict(told), kind)
 
 
 def _source(bench: Bench) -> str:
