@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse, largest_volts
-from belahil.storage import replacing
+from belahil.storage import replacing, reserve
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -33,6 +33,7 @@ NO_COUNT = -32768
 STIMULI = (NoSignal, Sine, SampledPulse, TransmittedPulse)
 STIMULUS_WORDS = "no_signal sine sampled_pulse transmitted_pulse"
 BATCH = 64  # windows a write: 2 MB of the longest BELA windows
+SLACK_BYTES = 1 << 20  # names and attributes
 UNIT_OF_SUFFIX = {"v": "V", "a": "A", "s": "s", "hz": "Hz", "k": "K", "c": "degree_Celsius", "w": "W"}
 SAID = {
     "emulated": "EMULATED DATA: emulated instruments behind the real drivers; no hardware was measured",
@@ -143,29 +144,38 @@ def write_data(path: Path, shots: Shots, tables: Mapping[str, Table], summary: M
     import h5netcdf
 
     scalars, housekeeping, longest, ragged = _collected(shots)
-    with replacing(path) as temporary, h5netcdf.File(temporary, "w") as file:
-        file.attrs.update(_attributes(summary))
-        file.dimensions = {"shot": len(shots), "sample": max(longest, 1)}
-        for variable in _VARIABLES:
-            data = scalars[variable.name]
-            # Only where it is needed: readers turn integers that have a fill value into floats.
-            fill = variable.fill if np.any(data == variable.fill) else None
-            made = file.create_variable(variable.name, ("shot",), data=data, fillvalue=fill)
-            made.attrs["long_name"] = variable.long_name
-            if variable.units:
-                made.attrs["units"] = variable.units
-        file["stimulus"].attrs["flag_values"] = np.arange(len(STIMULI), dtype=np.int8)
-        file["stimulus"].attrs["flag_meanings"] = STIMULUS_WORDS
-        file["date"].attrs["standard_name"] = "time"
-        for name, values in housekeeping.items():
-            made = file.create_variable(
-                f"housekeeping_{name}", ("shot",), "f8", data=values, fillvalue=NO_FLOAT
-            )
-            made.attrs["long_name"] = f"{name}, as the receiver reports it"
-            made.attrs["units"] = UNIT_OF_SUFFIX.get(name.rpartition("_")[2], "1")
-        _write_counts(file, shots, max(longest, 1), ragged)
-        for name, table in tables.items():
-            _write_table(file, name, table)
+    held = sum(data.nbytes for data in [*scalars.values(), *housekeeping.values()])
+    held += sum(column[0].nbytes for table in tables.values() for column in table.columns.values())
+    with replacing(path) as temporary:
+        # A full disk must be found now: HDF5 crashes when it cannot write what it still holds at its end.
+        reserve(temporary, int(1.02 * (2 * len(shots) * longest + held)) + SLACK_BYTES)
+        with h5netcdf.File(temporary, "w") as file:
+            file.attrs.update(_attributes(summary))
+            file.dimensions = {"shot": len(shots), "sample": max(longest, 1)}
+            _write_scalars(file, scalars, housekeeping)
+            _write_counts(file, shots, max(longest, 1), ragged)
+            for name, table in tables.items():
+                _write_table(file, name, table)
+
+
+def _write_scalars(
+    file: Any, scalars: Mapping[str, NDArray[Any]], housekeeping: Mapping[str, NDArray[np.float64]]
+) -> None:
+    for variable in _VARIABLES:
+        data = scalars[variable.name]
+        # Only where it is needed: readers turn integers that have a fill value into floats.
+        fill = variable.fill if np.any(data == variable.fill) else None
+        made = file.create_variable(variable.name, ("shot",), data=data, fillvalue=fill)
+        made.attrs["long_name"] = variable.long_name
+        if variable.units:
+            made.attrs["units"] = variable.units
+    file["stimulus"].attrs["flag_values"] = np.arange(len(STIMULI), dtype=np.int8)
+    file["stimulus"].attrs["flag_meanings"] = STIMULUS_WORDS
+    file["date"].attrs["standard_name"] = "time"
+    for name, values in housekeeping.items():
+        made = file.create_variable(f"housekeeping_{name}", ("shot",), "f8", data=values, fillvalue=NO_FLOAT)
+        made.attrs["long_name"] = f"{name}, as the receiver reports it"
+        made.attrs["units"] = UNIT_OF_SUFFIX.get(name.rpartition("_")[2], "1")
 
 
 def _collected(shots: Shots) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.float64]], int, bool]:

@@ -14,6 +14,8 @@ from belahil.errors import RefusedInput, StorageError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+_PORTION_BYTES = 1 << 20
+
 if sys.platform == "win32":
     import msvcrt
 
@@ -64,6 +66,32 @@ def write_whole(path: Path, data: str | bytes) -> None:
     """
     with replacing(path) as temporary:
         temporary.write_bytes(data.encode() if isinstance(data, str) else data)
+
+
+def reserve(path: Path, size: int) -> None:
+    """Find out whether a file would fit, before it is written by a library that cannot bear a full disk.
+
+    Parameters
+    ----------
+    path : Path
+        Made, filled as far as it goes, and removed again.
+    size : int
+        Bytes.
+
+    Raises
+    ------
+    OSError
+        It does not fit.
+    """
+    try:
+        with open(path, "wb") as handle:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(handle.fileno(), 0, size)
+            else:
+                for first in range(0, size, _PORTION_BYTES):
+                    handle.write(bytes(min(_PORTION_BYTES, size - first)))
+    finally:
+        path.unlink()
 
 
 def sync_folder(folder: Path) -> None:

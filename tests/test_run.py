@@ -356,6 +356,40 @@ def test_a_full_disk_ends_the_run_and_keeps_what_is_there(tmp_path: Path) -> Non
         assert measure(run, int(kept) + 2) == [int(kept), int(kept) + 1]
 
 
+ENDS_ON_A_FULL_DISK = """
+import resource, sys
+from belahil.errors import StorageError
+from small_run import begin, made, outcome, requested
+run = begin(sys.argv[1], sync=False)
+for number in range(40):
+    run.shot(requested(number), lambda: made(number, 16064))
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
+try:
+    run.finish(outcome())
+except StorageError as error:
+    print(error)
+run.close()
+"""
+
+
+def test_a_disk_that_is_full_at_the_end_is_told_and_leaves_no_half_file(tmp_path: Path) -> None:
+    pytest.importorskip("resource", reason="only POSIX limits the size of files")
+    answer = subprocess.run(
+        [sys.executable, "-W", "error", "-c", ENDS_ON_A_FULL_DISK, str(tmp_path / "run")],
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "data.nc: cannot be written (File too large)" in answer.stdout
+    assert answer.stderr == ""
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {"bench.toml", "journal", "log.txt"}
+    # and with room it ends
+    with Run.resume(tmp_path / "run") as run:
+        run.finish(outcome())
+        assert run.finished
+
+
 def test_shots_are_read_one_at_a_time(tmp_path: Path) -> None:
     # given 6 MB of windows
     with begin(tmp_path / "run", sync=False) as run:
