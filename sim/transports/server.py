@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from belahil.errors import RefusedInput
+from belahil.values import WindowRequest
 from sim.devices.generator import GeneratorDevice
 from sim.devices.grm import GrmDevice
 from sim.generator_path import true_model
@@ -83,6 +84,7 @@ def serve(
     """
     if pty and sys.platform == "win32":
         raise RefusedInput("a pseudo-terminal was asked for: Windows has none; allowed: the TCP link")
+    _warm_up(config)
     plant = Plant(config)
     generator = GeneratorDevice(true_model(config), plant)
 
@@ -107,6 +109,13 @@ def serve(
                 )
             )
             server.run()
+
+
+def _warm_up(config: BenchConfig) -> None:
+    """Digitize a window that nobody sees: what the first one loads must not make a client wait."""
+    plant = Plant(config)
+    codes = plant.spec.gain_codes
+    plant.arm(WindowRequest(0, codes[0] if codes else None))
 
 
 @contextmanager
