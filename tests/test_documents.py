@@ -6,12 +6,15 @@ import doctest
 import importlib
 import pkgutil
 import re
+import shlex
 from pathlib import Path
 
+import click
 import msgspec
 import pytest
 
 from belahil import config
+from belahil.cli.main import belahil as command_line
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("belahil", "drivers", "sim", "procedures")
@@ -33,6 +36,36 @@ def test_examples_of_a_module(name: str) -> None:
     outcome = doctest.testmod(importlib.import_module(name), verbose=False)
 
     assert outcome.failed == 0
+
+
+def test_examples_of_the_readme() -> None:
+    outcome = doctest.testfile(str(ROOT / "README.md"), module_relative=False)
+
+    assert outcome.attempted >= 5
+    assert outcome.failed == 0
+
+
+def commands_of_the_readme() -> list[list[str]]:
+    """Return the words behind `belahil` of each line in a shell block."""
+    blocks = re.findall(r"^```sh\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S)
+    calls = re.findall(r"(?:^|/)(belahil .*)$", "".join(blocks), re.MULTILINE)
+    return [shlex.split(call, comments=True)[1:] for call in calls]
+
+
+@pytest.mark.parametrize("words", commands_of_the_readme(), ids=" ".join)
+def test_a_command_of_the_readme_is_understood(words: list[str]) -> None:
+    command: click.Command = command_line
+    context = click.Context(command)
+    while isinstance(command, click.Group):
+        found = command.get_command(context, words.pop(0))
+        assert found is not None
+        command = found
+
+    if words == ["--help"]:
+        return
+    parsed = command.make_context(command.name, words)  # refuses what it does not know
+
+    assert parsed.args == []
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
