@@ -38,7 +38,8 @@ class VisaLink:
     Notes
     -----
     A raw socket cannot be cleared and does not tell a closed link from a slow one: `clear` connects anew,
-    which does both, unless nothing was sent yet.
+    which does both, unless nothing was sent yet. An instrument that stalls for longer than a time-out may
+    still carry out what the old connection brought.
     """
 
     def __init__(self, address: str, library: Any = "") -> None:
