@@ -53,6 +53,8 @@ def save_figures(
         files = {"svg": f"figure-{name}.svg", "png": f"figure-{name}.png"}
         # Without date and with a fixed salt, so that equal results give equal files.
         _save(figure, folder / files["svg"], "svg", name, {"Date": None, "Title": name})
+        # What the first has laid out serves the second too: laying out costs as much as drawing.
+        figure.set_layout_engine(None)
         _save(figure, folder / files["png"], "png", name, {"Title": name})
         caption = str(figure.get_label() or name.replace("_", " ").replace("-", " ").capitalize())
         saved.append({"caption": caption, **files})
