@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from heapq import nlargest
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -216,14 +217,20 @@ def weighted_mean(estimates: Iterable[Estimate | None]) -> Estimate | None:
     return Estimate(value, float(weight.sum() ** -0.5), known[0].unit)
 
 
+def _shows_a_sine(shot: Shot) -> bool:
+    return isinstance(shot.played, Sine) and not shot.window.saturated
+
+
+def _clock_strength(shot: Shot) -> float:
+    """How much a record tells of the clock: the rate at which its sine crosses zero, in counts by time."""
+    assert isinstance(shot.played, Sine)
+    return float(np.std(shot.window.counts[:1024])) * shot.played.frequency_hz
+
+
 def _clock(plan: GainPlan, shots: Iterable[Shot]) -> Estimate | None:
     """Return the clock error in ppm from the records that tell most of it; None when there is none."""
-    strength: dict[int, float] = {}
-    for shot in shots:
-        if isinstance(shot.played, Sine) and not shot.window.saturated:
-            strength[shot.window.shot] = float(np.std(shot.window.counts[:1024])) * shot.played.frequency_hz
-    chosen = set(sorted(strength, key=lambda one: strength[one], reverse=True)[:CLOCK_RECORDS])
-    records = [one for one in shots if one.window.shot in chosen]
+    strongest = nlargest(CLOCK_RECORDS, (one for one in shots if _shows_a_sine(one)), key=_clock_strength)
+    records = sorted(strongest, key=lambda one: one.window.shot)
     if not records:
         return None
     found = common_clock(
