@@ -7,24 +7,17 @@ emulation may read, into numbers without gaps.
 from __future__ import annotations
 
 import math
-import re
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import msgspec
-from msgspec import Meta, Struct, field
+from msgspec import Meta, field
 
+from belahil import strict_toml
 from belahil.errors import ConfigError
 from belahil.generators import DEFAULT_MODEL, FAMILIES
-from belahil.receiver import RECEIVERS, receiver_preset
+from belahil.receiver import RECEIVERS, ReceiverSpec, receiver_preset
+from belahil.strict_toml import NotNegative, Positive, Strict
 
-Positive = Annotated[float, Meta(gt=0)]
-NotNegative = Annotated[float, Meta(ge=0)]
 Span = tuple[float, float]
-
-
-class Strict(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
-    """A table that accepts only the keys it names."""
 
 
 class BenchTable(Strict, frozen=True):
@@ -205,13 +198,7 @@ def load_bench(name: str) -> BenchConfig:
         raise ConfigError(
             f"--bench {name}: this version replays no recording; allowed: FILE, emulated, simulated"
         )
-    path = Path(name)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else "not a text file"
-        raise ConfigError(f"bench file {name}: cannot be read ({reason})") from error
-    return parse_bench(text, name)
+    return parse_bench(strict_toml.read(name, "bench file"), name)
 
 
 def parse_bench(text: str, name: str = "bench file") -> BenchConfig:
@@ -229,12 +216,7 @@ def parse_bench(text: str, name: str = "bench file") -> BenchConfig:
     ConfigError
         One line: where, what was found, what is allowed.
     """
-    try:
-        config = msgspec.toml.decode(text.encode(), type=BenchConfig)
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"{name}: {_explained(str(error))}") from error
-    except msgspec.DecodeError as error:
-        raise ConfigError(f"{name}: not valid TOML ({error})") from error
+    config = strict_toml.typed(strict_toml.parse(text, name), BenchConfig, name)
     try:
         check_bench(config)
     except ConfigError as error:
@@ -265,15 +247,8 @@ def check_bench(config: BenchConfig) -> None:
             "serial:PORT, socket://HOST:PORT, usb:VID:PID[:SERIAL]"
         )
     _ = config.source
-    codes = spec.digitizer.gain_codes or (0,)
-    for key in ("gain_by_code", "noise_rms_v_by_code"):
-        numbers = getattr(config.emulation.receiver, key)
-        if numbers is not None and len(numbers) != len(codes):
-            raise ConfigError(
-                f"[emulation.receiver] {key} has {len(numbers)} numbers; "
-                f"{spec.name} has {len(codes)} gain codes"
-            )
-    for where, numbers in _floats(config):
+    check_by_code(config.emulation.receiver, spec, "emulation.receiver")
+    for where, numbers in strict_toml.numbers(config):
         if any(math.isnan(number) for number in numbers):
             raise ConfigError(f"{where} is not a number")
     if config.limits is not None:
@@ -283,59 +258,26 @@ def check_bench(config: BenchConfig) -> None:
                 raise ConfigError(f"[limits] {key} = [{span[0]:g}, {span[1]:g}]: low must not exceed high")
 
 
-def _floats(table: Any, where: str = "") -> list[tuple[str, tuple[float, ...]]]:
-    found: list[tuple[str, tuple[float, ...]]] = []
-    for key in table.__struct_fields__:
-        value = getattr(table, key)
-        if isinstance(value, Struct):
-            found += _floats(value, f"{where}{key}.")
-        elif isinstance(value, float):
-            found.append((where + key, (value,)))
-        elif isinstance(value, tuple):
-            found.append((where + key, value))
-    return found
+def check_by_code(receiver: EmulatedReceiver, spec: ReceiverSpec, where: str) -> None:
+    """Check that lists by gain code are as long as the receiver has codes; `where` names the table.
 
-
-_UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]*)`(?: - at `\$\.?(?P<path>[^`]*)`)?")
-_AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$")
-
-
-def _explained(message: str) -> str:
-    unknown = _UNKNOWN.fullmatch(message)
-    if unknown:
-        path = unknown["path"] or ""
-        allowed = ", ".join(_fields_at(path))
-        place = f"[{path}] has an" if path else "there is an"
-        return f"{place} unknown key `{unknown['key']}`; allowed: {allowed}"
-    known = _AT.fullmatch(message)
-    if known and known["path"]:
-        table, _, key = known["path"].rpartition(".")
-        return f"{f'[{table}] ' if table else ''}{key}: {known['what'][0].lower()}{known['what'][1:]}"
-    return message
-
-
-def _fields_at(path: str) -> tuple[str, ...]:
-    table: Any = BenchConfig
-    for key in filter(None, re.sub(r"\[[^]]*\]", "", path).split(".")):
-        annotation = {field.name: field.type for field in msgspec.structs.fields(table)}[key]
-        choices = getattr(annotation, "__args__", ()) or (annotation,)
-        table = next(choice for choice in choices if isinstance(choice, type) and issubclass(choice, Struct))
-    return tuple(field.name for field in msgspec.structs.fields(table))
+    Raises
+    ------
+    ConfigError
+        With both numbers.
+    """
+    codes = spec.digitizer.gain_codes or (0,)
+    for key in ("gain_by_code", "noise_rms_v_by_code"):
+        numbers = getattr(receiver, key)
+        if numbers is not None and len(numbers) != len(codes):
+            raise ConfigError(
+                f"[{where}] {key} has {len(numbers)} numbers; {spec.name} has {len(codes)} gain codes"
+            )
 
 
 def as_toml(config: BenchConfig) -> str:
     """Write a bench file that says every key; ``parse_bench`` gives the same config back."""
-    import tomli_w
-
-    return tomli_w.dumps(_without_none(msgspec.to_builtins(config)))
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list | tuple):
-        return [_without_none(item) for item in value]
-    return value
+    return strict_toml.as_text(config)
 
 
 class ReceiverTruth(Strict, frozen=True):
@@ -356,8 +298,11 @@ class ReceiverTruth(Strict, frozen=True):
 
 def receiver_truth(config: BenchConfig) -> ReceiverTruth:
     """Fill the gaps of ``[emulation.receiver]`` from the receiver's preset."""
-    given = config.emulation.receiver
-    spec = RECEIVERS[config.digitizer.receiver]
+    return without_gaps(config.emulation.receiver, RECEIVERS[config.digitizer.receiver])
+
+
+def without_gaps(given: EmulatedReceiver, spec: ReceiverSpec) -> ReceiverTruth:
+    """Fill the gaps of a table of receiver keys from a receiver's preset."""
     return ReceiverTruth(
         cutoff_hz=given.cutoff_hz or spec.cutoff_hz,
         order=given.order or spec.order,

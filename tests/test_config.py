@@ -54,6 +54,7 @@ cutoff_hz = [18e6, 20e6]
         ("[emulation.receiver]\norder = 9", "order: expected `int` <= 6"),
         ("[emulation.receiver]\ngain_by_code = [1, 2]", "gain_by_code has 2 numbers; bela-grm has 16"),
         ("[emulation.generator]\nflatness = nan", "emulation.generator.flatness is not a number"),
+        ("[bench]\ntrigger = 'x'", "[bench] trigger = 'x' is unknown; allowed: generator, digitizer"),
         ("[generator]\ndriver = 'x'", 'driver = "x" is unknown; allowed: keysight-33500'),
         ("[digitizer]\nreceiver = 'x'", 'receiver = "x" is unknown; allowed: bela-grm'),
         ("[digitizer]\nlink = 'simulated'", "both must be emulated, both simulated, or both real"),
