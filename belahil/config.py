@@ -217,10 +217,8 @@ def parse_bench(text: str, name: str = "bench file") -> BenchConfig:
         One line: where, what was found, what is allowed.
     """
     config = strict_toml.typed(strict_toml.parse(text, name), BenchConfig, name)
-    try:
+    with strict_toml.about(name):
         check_bench(config)
-    except ConfigError as error:
-        raise ConfigError(f"{name}: {error}") from error
     return config
 
 

@@ -7,6 +7,8 @@ into the tree, and every refusal is a `ConfigError` that begins with the name of
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
@@ -83,7 +85,21 @@ def typed(tables: dict[str, Any], tree: type[Tree], name: str) -> Tree:
     try:
         return msgspec.convert(tables, type=tree)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{name}: {_explained(str(error), tree)}") from error
+        raise ConfigError(_one_line(f"{name}: {_explained(str(error), tree)}")) from error
+
+
+@contextmanager
+def about(name: str) -> Iterator[None]:
+    """Put the name of the file before what a check refuses."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(_one_line(f"{name}: {error}")) from error
+
+
+def _one_line(message: str) -> str:
+    """Take line breaks out, which a quoted value may have brought."""
+    return " ".join(message.split())
 
 
 def numbers(table: Strict, where: str = "") -> list[tuple[str, tuple[float, ...]]]:
