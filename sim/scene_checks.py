@@ -55,7 +55,7 @@ _SURFACE: Needs = {
     "alpha": ("kind", ("multifractal",)),
     "c1": ("kind", ("multifractal",)),
     "seed": ("kind", _MADE),
-    "extent_m": ("kind", _MADE),
+    "extent_m": ("kind", _GRID),
     "spacing_m": ("kind", _GRID),
     "file": ("kind", ("dtm",)),
     "datum_m": ("kind", ("dtm",)),

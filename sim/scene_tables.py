@@ -182,7 +182,7 @@ class SurfaceTable(Strict, frozen=True):
     seed : int
         Of a made surface.
     extent_m, spacing_m : float
-        Side and grid spacing of a made surface; `spacing_m` also of an array file that does not tell.
+        Side and grid spacing of a made surface; of a DTM, the side that is read, and the spacing of an array.
     file : str
         GeoTIFF or array, for ``kind = "dtm"``.
     datum_m : float or None
