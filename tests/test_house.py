@@ -235,7 +235,9 @@ def distribution(requirement: str) -> str:
 
 IMPORT_NAME = {"pyserial": "serial", "pyusb": "usb", "pyvisa-py": "pyvisa_py", "tomli-w": "tomli_w"}
 DECLARED = {distribution(text) for text in PROJECT["dependencies"]}
-EXTRAS = {distribution(text) for group in PROJECT["optional-dependencies"].values() for text in group}
+GROUPS = PROJECT["optional-dependencies"]
+EXTRAS = {distribution(text) for group in GROUPS.values() for text in group}
+AT_RUN_TIME = DECLARED | {distribution(text) for name in GROUPS.keys() - {"dev"} for text in GROUPS[name]}
 
 
 def imported_names(path: Path) -> set[str]:
@@ -249,7 +251,8 @@ def imported_names(path: Path) -> set[str]:
 
 
 def test_what_is_imported_is_declared() -> None:
-    allowed = {IMPORT_NAME.get(name, name) for name in DECLARED} | set(ROOMS) | set(sys.stdlib_module_names)
+    known = set(ROOMS) | set(sys.stdlib_module_names)
+    allowed = {IMPORT_NAME.get(name, name) for name in AT_RUN_TIME} | known
 
     strangers = {
         str(path.relative_to(ROOT)): unknown
