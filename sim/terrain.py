@@ -298,7 +298,7 @@ def boulder(
     diameter_m, height_m : float
         At its foot, and above the plane, m. The defaults are assumed: about the footprint of BELA at 500 km.
     exponent : float
-        2 is a paraboloid; 3 is closest to a half ellipsoid among the shapes without a vertical foot; more is
+        2 is a paraboloid; 4 is closest to a half ellipsoid, but for its vertical foot; more is
         flatter on top.
     centre_m : tuple of float
         x and y, m.

@@ -61,7 +61,7 @@ def from_array(
     """
     place = _middle(np.shape(z_m), spacing_m, centre_m)
     grid = _marked(z_m, spacing_m, *place, no_data)
-    return Surface(kind, relief=_levelled(grid, datum_m), albedo=reflectance)
+    return Surface(kind, relief=levelled(grid, datum_m), albedo=reflectance)
 
 
 def albedo_map(
@@ -99,7 +99,7 @@ def from_geotiff(
         As `read_geotiff`.
     """
     grid = read_geotiff(path, centre_m=centre_m, extent_m=extent_m, band=band)
-    return Surface("dtm", relief=_levelled(grid, datum_m), albedo=reflectance)
+    return Surface("dtm", relief=levelled(grid, datum_m), albedo=reflectance)
 
 
 def read_geotiff(
@@ -155,10 +155,7 @@ def read_geotiff(
         left, right = _kept(column, extent_m, spacing_m, dataset.width)
         top, bottom = _kept(row, extent_m, spacing_m, dataset.height)
         if right <= left or bottom <= top:
-            raise OffTerrain(
-                f"{path}: {extent_m} m round {centre_m} m from the middle lies off the "
-                f"{dataset.width * spacing_m:g} m x {dataset.height * spacing_m:g} m that it covers"
-            )
+            raise _off_file(path, centre_m, extent_m, spacing_m, dataset.shape)
         stored = dataset.read(band, window=((top, bottom + 1), (left, right + 1)), masked=True)
         heights = stored.astype(np.float64) * dataset.scales[band - 1] + dataset.offsets[band - 1]
     first_row = bottom if up < 0 else top
@@ -167,6 +164,59 @@ def read_geotiff(
         return _marked(heights[::up], spacing_m, x_min_m, y_min_m)
     except OffTerrain as error:
         raise OffTerrain(f"{path}: {error}") from None
+
+
+def read_array(
+    path: str | Path,
+    spacing_m: float,
+    *,
+    centre_m: tuple[float, float] = (0.0, 0.0),
+    extent_m: float | None = None,
+) -> Grid:
+    """Read a grid from a file that `numpy.save` wrote: rows go with y, NaN is a gap.
+
+    Parameters
+    ----------
+    path, centre_m, extent_m
+        As in `read_geotiff`.
+    spacing_m : float
+        Between neighbouring posts in both directions, m.
+
+    Raises
+    ------
+    RefusedInput
+        When the file cannot be read or holds no grid of numbers.
+    OffTerrain
+        When the square lies off the array or has no data.
+    """
+    try:
+        stored = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise RefusedInput(f"{path}: cannot be read as an array: {str(error).splitlines()[0]}") from error
+    if not isinstance(stored, np.ndarray) or stored.ndim != 2 or stored.dtype.kind not in "fiu":
+        raise RefusedInput(f"{path}: allowed is one array of real numbers with rows and columns")
+    if not 0 < spacing_m < np.inf:
+        raise RefusedInput(f"{path}: spacing_m = {spacing_m:g}: must be positive and finite")
+    column = (stored.shape[1] - 1) / 2 + centre_m[0] / spacing_m
+    row = (stored.shape[0] - 1) / 2 + centre_m[1] / spacing_m
+    left, right = _kept(column, extent_m, spacing_m, stored.shape[1])
+    low, high = _kept(row, extent_m, spacing_m, stored.shape[0])
+    if right <= left or high <= low:
+        raise _off_file(path, centre_m, extent_m, spacing_m, stored.shape)
+    part = stored[low : high + 1, left : right + 1]
+    try:
+        return _marked(part, spacing_m, (left - column) * spacing_m, (low - row) * spacing_m)
+    except OffTerrain as error:
+        raise OffTerrain(f"{path}: {error}") from None
+
+
+def levelled(grid: Grid, datum_m: float | None) -> Grid:
+    """Take a height for z = 0; parameters as `from_array`."""
+    if datum_m is None:
+        at_nadir, known = grid.sample(0.0, 0.0)
+        inside = grid.values if grid.known is None else grid.values[grid.known]
+        datum_m = float(at_nadir) if known else float(inside.mean())
+    return replace(grid, values=grid.values - datum_m) if datum_m else grid
 
 
 def _rasterio(path: str | Path) -> Any:
@@ -209,12 +259,18 @@ def _kept(centre: float, extent_m: float | None, spacing_m: float, count: int) -
     return max(math.ceil(centre - half), 0), min(math.floor(centre + half), count - 1)
 
 
-def _levelled(grid: Grid, datum_m: float | None) -> Grid:
-    if datum_m is None:
-        at_nadir, known = grid.sample(0.0, 0.0)
-        inside = grid.values if grid.known is None else grid.values[grid.known]
-        datum_m = float(at_nadir) if known else float(inside.mean())
-    return replace(grid, values=grid.values - datum_m) if datum_m else grid
+def _off_file(
+    path: str | Path,
+    centre_m: tuple[float, float],
+    extent_m: float | None,
+    spacing_m: float,
+    shape: tuple[int, ...],
+) -> OffTerrain:
+    whole = "all" if extent_m is None else f"{extent_m:g} m"
+    return OffTerrain(
+        f"{path}: {whole} round {centre_m} m from the middle holds no 2 x 2 posts of the "
+        f"{shape[1] * spacing_m:g} m x {shape[0] * spacing_m:g} m that it covers"
+    )
 
 
 def _marked(

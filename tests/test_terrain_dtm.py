@@ -195,7 +195,7 @@ def test_ground_off_the_file_or_without_data_is_a_typed_error(rasterio: Any, tmp
     path = write(rasterio, tmp_path / "hill.tif")
     empty = write(rasterio, tmp_path / "empty.tif", np.full((3, 4), -9999.0))
 
-    assert "100 m round (500.0, 0.0) m from the middle lies off the 20 m x 15 m" in refusal(
+    assert "100 m round (500.0, 0.0) m from the middle holds no 2 x 2 posts of the 20 m x 15 m" in refusal(
         path, centre_m=(500.0, 0.0), extent_m=100
     )
     assert "no post has data" in refusal(empty)
