@@ -97,7 +97,7 @@ def response(
     rise = np.diff(pulse, append=0.0)
     for pole, weight in modes(ordered_poles(tuple(poles), zeros), zeros):
         state = _states(pulse, interval, pole, linear)
-        first, second = _phi(pole * elapsed)
+        first, second = phi(pole * elapsed)
         value = state[at] * np.exp(pole * elapsed) + elapsed * first * pulse[at]
         if linear:
             value = value + elapsed * second * rise[at] * (elapsed * sample_rate_hz)
@@ -112,15 +112,15 @@ def _states(
     """State of a mode of weight 1 at every break point and at the end of the pulse."""
     from scipy.signal import lfilter
 
-    first, second = (complex(one[0]) for one in _phi(np.array([pole * interval])))
+    first, second = (complex(one[0]) for one in phi(np.array([pole * interval])))
     levels = pulse.astype(np.complex128)
     drive = (first - second) * levels[:-1] + second * levels[1:] if linear else first * levels
     moved = lfilter([1.0], [1.0, -cmath.exp(pole * interval)], interval * drive)
     return np.concatenate([[0j], moved])
 
 
-def _phi(z: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return (e^z - 1) / z and (e^z - 1 - z) / z^2 without cancellation; both exist at z = 0."""
+def phi(z: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return (e^z - 1) / z and (e^z - 1 - z) / z^2 without cancellation, shaped as `z`, which may be 0."""
     small = np.abs(z) < 1
     near = z[small]
     total = np.zeros(near.shape, dtype=np.complex128)
