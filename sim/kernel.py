@@ -16,7 +16,7 @@ import numpy as np
 
 from belahil.errors import RefusedInput
 from belahil.pole_modes import modes, ordered_poles, transfer
-from sim.kernel_table import KernelTable, Late, table_states
+from sim.kernel_table import KernelTable, Late, TableStates, table_states
 from sim.pulse_shape import PulseShape
 
 if TYPE_CHECKING:
@@ -80,8 +80,7 @@ class Kernel:
                 since = lags - piece.offset_s
                 total += piece.weight * (weight * gaussian_response(pole, piece.sigma_s, since)).real
         if not self.pulse.pieces:
-            for pole, weight in self._own_modes:
-                states = table_states(self.pulse.times_s, self.pulse.relative, pole)
+            for weight, states in self._driven_modes:
                 total += (weight * states.at(lags)).real
         return self.gain * total
 
@@ -178,6 +177,12 @@ class Kernel:
     def _own_modes(self) -> tuple[tuple[complex, complex], ...]:
         return modes(ordered_poles(self.poles, self.zeros), self.zeros)
 
+    @cached_property
+    def _driven_modes(self) -> tuple[tuple[complex, TableStates], ...]:
+        """Weights of the modes, and the modes driven by a pulse from a table."""
+        times_s, values = self.pulse.times_s, self.pulse.relative
+        return tuple((weight, table_states(times_s, values, pole)) for pole, weight in self._own_modes)
+
     def _piece_modes(self, piece: PulsePiece) -> tuple[tuple[complex, complex], ...]:
         """Modes of the filter with the piece's tail as one more pole.
 
@@ -199,8 +204,8 @@ class Kernel:
         if not self.pulse.pieces:
             begin = float(self.pulse.times_s[-1])
             found = [
-                (pole, self.gain * weight * table_states(self.pulse.times_s, self.pulse.relative, pole).last)
-                for pole, weight in (self._own_modes if self.poles else ())
+                (states.pole, self.gain * weight * states.last)
+                for weight, states in (self._driven_modes if self.poles else ())
             ]
             return Late.of(begin, found)
         pieces = self.pulse.pieces

@@ -140,7 +140,7 @@ class KernelTable:
 
 
 @dataclass(frozen=True, eq=False)
-class _TableStates:
+class TableStates:
     """A mode of weight 1, driven by straight lines between break points: its state at each of them."""
 
     times_s: NDArray[np.float64]
@@ -150,6 +150,7 @@ class _TableStates:
 
     @property
     def last(self) -> complex:
+        """State at the last break point."""
         return complex(self.states[-1])
 
     def at(self, lags_s: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -170,7 +171,7 @@ class _TableStates:
         return np.asarray(np.where(piece < 0, 0.0, value))
 
 
-def table_states(times_s: NDArray[np.float64], values: NDArray[np.float64], pole: complex) -> _TableStates:
+def table_states(times_s: NDArray[np.float64], values: NDArray[np.float64], pole: complex) -> TableStates:
     """Drive a mode 1 / (s - pole) by straight lines between break points, in closed form.
 
     Parameters
@@ -186,4 +187,4 @@ def table_states(times_s: NDArray[np.float64], values: NDArray[np.float64], pole
     states = np.zeros(times_s.size, dtype=np.complex128)
     for k, (decay, added) in enumerate(zip(np.exp(pole * width), push, strict=True)):
         states[k + 1] = states[k] * decay + added
-    return _TableStates(times_s, values, pole, states)
+    return TableStates(times_s, values, pole, states)

@@ -90,7 +90,9 @@ def test_two_references_agree() -> None:
     one = kernel(2.3e-9, 3e-9)
     lags_s = np.array([-3e-9, 0.0, 18e-9, 60e-9])
 
-    np.testing.assert_allclose(by_contour(one, lags_s), by_error_function(one, lags_s, 60), rtol=1e-11, atol=0)
+    np.testing.assert_allclose(
+        by_contour(one, lags_s), by_error_function(one, lags_s, 60), rtol=1e-11, atol=0
+    )
 
 
 @pytest.mark.parametrize(("sigma_s", "tau_s"), [(0.05e-9, 0.0), (2.3e-9, 3e-9), (30e-9, 3e-9), (400e-9, 0.0)])
