@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _TWO_OVER_C = 2 / 299792458.0
 _THIRD, _SIXTH = 1 / 3, 1 / 6
+_1, _2, _3 = np.uint64(1), np.uint64(2), np.uint64(3)
 _SUMS = {"reassoc", "contract", "nsz"}
 
 
@@ -79,10 +80,10 @@ def _products(
         low, high = max(begin, 0), min(begin + bins, taps.size)
         total = 0.0
         if high > low:
-            tap = taps[low:high]
-            part = backwards[low - begin : high - begin]
-            for j in range(high - low):
-                total += part[j] * tap[j]
+            # Unsigned: a signed index might be negative, and the loop would not vectorize.
+            tap, bin_ = np.uint64(low), np.uint64(low - begin)
+            for j in range(np.uint64(high - low)):
+                total += backwards[bin_ + j] * taps[tap + j]
         samples[i] = total
 
 
@@ -119,7 +120,8 @@ def grid_echo(
     shots = centres_m.shape[0]
     samples, energies = np.empty((shots, count)), np.empty(shots)
     moments, backwards = np.zeros(4 * (bins + 3)), np.zeros(bins + 3)
-    place, across, square = np.empty(columns), np.empty(columns), np.empty(columns)
+    place, shares = np.empty(columns), np.empty(columns)
+    across, square = np.empty(columns), np.empty(columns)
     scale = spacing_m * spacing_m / (2 * math.pi * sigma_m[0] * sigma_m[1])
     to_bins = _TWO_OVER_C / bin_s
     half, inverse = 0.5 / altitude_m, 1 / altitude_m
@@ -147,26 +149,26 @@ def grid_echo(
                 continue
             y2, along = y * y, scale * math.exp(-0.5 * away * away)
             row, x2, at, lit = height_m[i, begin:end], square[begin:end], place[begin:end], across[begin:end]
-            bright = brightness[i, begin:end] if mapped else brightness[0]
             for j in range(end - begin):
                 z = row[j]
                 q = (x2[j] + y2) * half
                 e = z * inverse
                 at[j] = (q * (1 + e + e * e - q * half) - z) * to_bins - start
+            if mapped:
+                bright, even, lit = brightness[i, begin:end], lit, shares[begin:end]
+                for j in range(end - begin):
+                    lit[j] = even[j] * bright[j]
             for j in range(end - begin):
                 node = int(at[j])
-                if node < 0 or node >= bins:
+                if np.uint64(node) >= np.uint64(bins):  # or below 0
                     continue
-                part = at[j] - node
-                weight = lit[j] * along
-                if mapped:
-                    weight *= bright[j]
+                part, weight = at[j] - node, lit[j] * along
                 second = weight * part * part
-                m = 4 * node
+                m = np.uint64(4) * np.uint64(node)
                 moments[m] += weight
-                moments[m + 1] += weight * part
-                moments[m + 2] += second
-                moments[m + 3] += second * part
+                moments[m + _1] += weight * part
+                moments[m + _2] += second
+                moments[m + _3] += second * part
         first, last = 0, bins - 1
         while first < last and moments[4 * first] == 0:
             first += 1
@@ -176,9 +178,9 @@ def grid_echo(
         spread = backwards[:width]
         spread[:] = 0.0
         for node in range(first, last + 1):
-            m = 4 * node
-            m0, m1, m2, m3 = moments[m], moments[m + 1], moments[m + 2], moments[m + 3]
-            moments[m] = moments[m + 1] = moments[m + 2] = moments[m + 3] = 0.0
+            m = np.uint64(4 * node)
+            m0, m1, m2, m3 = moments[m], moments[m + _1], moments[m + _2], moments[m + _3]
+            moments[m] = moments[m + _1] = moments[m + _2] = moments[m + _3] = 0.0
             j = width - 1 - (node - first)
             spread[j] += 0.5 * m2 - _THIRD * m1 - _SIXTH * m3
             spread[j - 1] += m0 - m2 + 0.5 * (m3 - m1)

@@ -200,7 +200,7 @@ def posts_error(
 
     The echo from every post is compared with the four from every other post in each direction. The error
     grows about as the square of the spacing, and nearly at random; so the posts themselves miss about a
-    quarter of the difference. An estimate of the size to be expected, not a bound; no tolerance makes it less.
+    quarter of the difference. An estimate of the size to expect, not a bound; no tolerance makes it less.
 
     Returns
     -------
