@@ -1,8 +1,9 @@
 """The compiled loops; what each does, and its NumPy form of the same name, is in `sim.reference`.
 
-Compiled when first called and kept on disk. `sim.loops` loads this module when it is first needed.
+They serve where there are many shots. For one shot numba would take longer to load than it saves; `sim.loops`
+loads this module when it is first needed. Compiled when first called and kept on disk.
 
-Of what `numba` calls fast math only rounding-neutral freedoms are given, and in sums of products their order:
+Of what numba calls fast math only the freedoms of rounding are given, and in sums of products their order:
 NaN and infinity keep their meaning.
 """
 
@@ -21,48 +22,6 @@ _TWO_OVER_C = 2 / 299792458.0
 _THIRD, _SIXTH = 1 / 3, 1 / 6
 _1, _2, _3 = np.uint64(1), np.uint64(2), np.uint64(3)
 _SUMS = {"reassoc", "contract", "nsz"}
-
-
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def lag4_deposit(
-    places: NDArray[np.float64], weights: NDArray[np.float64], count: int
-) -> NDArray[np.float64]:
-    """As `sim.reference.lag4_deposit`."""
-    moments = np.zeros(4 * count)
-    for place, weight in zip(places, weights):  # noqa: B905 (numba knows no strict)
-        node = int(place)
-        part = place - node
-        second = weight * part * part
-        at = 4 * node
-        moments[at] += weight
-        moments[at + 1] += weight * part
-        moments[at + 2] += second
-        moments[at + 3] += second * part
-    histogram = np.zeros(count)
-    for node in range(1, count - 2):
-        m0, m1, m2, m3 = (
-            moments[4 * node],
-            moments[4 * node + 1],
-            moments[4 * node + 2],
-            moments[4 * node + 3],
-        )
-        histogram[node - 1] += 0.5 * m2 - _THIRD * m1 - _SIXTH * m3
-        histogram[node] += m0 - m2 + 0.5 * (m3 - m1)
-        histogram[node + 1] += m1 + 0.5 * (m2 - m3)
-        histogram[node + 2] += _SIXTH * (m3 - m1)
-    return histogram
-
-
-@njit(cache=True, nogil=True)
-def cic_deposit(places: NDArray[np.float64], weights: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """As `sim.reference.cic_deposit`."""
-    histogram = np.zeros(count)
-    for place, weight in zip(places, weights):  # noqa: B905
-        node = int(place)
-        part = place - node
-        histogram[node] += weight * (1 - part)
-        histogram[node + 1] += weight * part
-    return histogram
 
 
 @njit(cache=True, nogil=True, fastmath=_SUMS)
@@ -85,16 +44,6 @@ def _products(
             for j in range(np.uint64(high - low)):
                 total += backwards[bin_ + j] * taps[tap + j]
         samples[i] = total
-
-
-@njit(cache=True, nogil=True)
-def polyphase(
-    histogram: NDArray[np.float64], taps: NDArray[np.float64], offset: int, stride: int, count: int
-) -> NDArray[np.float64]:
-    """As `sim.reference.polyphase`."""
-    samples = np.empty(count)
-    _products(histogram[::-1].copy(), taps, offset, stride, samples)
-    return samples
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})

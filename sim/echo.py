@@ -16,6 +16,7 @@ from belahil.errors import RefusedInput
 from sim.beam import beam_sigma_m
 from sim.footprint import DelayGaussian, DelayHistogram, Delays, NoReturn, delays
 from sim.loops import loops
+from sim.reference import polyphase
 from sim.terrain_grid import Grid
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def echo(
     longest = whole + round(stride) * (count - 1) + 1
     last_s = 2.0 ** math.ceil(math.log2(max(longest, 1))) * light.bin_s
     taps, first = kernel.taps(light.bin_s, phase_s, last_s)
-    return loops().polyphase(light.weights, taps, whole - first, round(stride), count)
+    return polyphase(light.weights, taps, whole - first, round(stride), count)
 
 
 class GridEcho:

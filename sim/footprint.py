@@ -22,8 +22,7 @@ from belahil.errors import RefusedInput
 from sim.beam import beam_image, beam_sigma_m, beam_weights
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.footprint_plan import FootprintPlan, plan_footprint
-from sim.loops import loops
-from sim.reference import slant_delay
+from sim.reference import cic_deposit, lag4_deposit, slant_delay
 from sim.terrain_grid import OffTerrain
 
 if TYPE_CHECKING:
@@ -259,5 +258,5 @@ def _deposited(
         raise RefusedInput(
             f"delays over {count} bins of {bin_s:.3g} s: at most {_MOST_BINS} are allowed; is a height wrong?"
         )
-    put = loops().lag4_deposit if deposit == "lag4" else loops().cic_deposit
+    put = lag4_deposit if deposit == "lag4" else cic_deposit
     return DelayHistogram(align_s + first * bin_s, bin_s, put(places - first, weights, count), total, lit)

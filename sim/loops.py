@@ -13,29 +13,6 @@ if TYPE_CHECKING:
 class Loops(Protocol):
     """What `sim.compiled` and `sim.reference` both have; `sim.reference` says what each does."""
 
-    def lag4_deposit(
-        self, places: NDArray[np.float64], weights: NDArray[np.float64], count: int
-    ) -> NDArray[np.float64]:
-        """As in `sim.reference`."""
-        ...
-
-    def cic_deposit(
-        self, places: NDArray[np.float64], weights: NDArray[np.float64], count: int
-    ) -> NDArray[np.float64]:
-        """As in `sim.reference`."""
-        ...
-
-    def polyphase(
-        self,
-        histogram: NDArray[np.float64],
-        taps: NDArray[np.float64],
-        offset: int,
-        stride: int,
-        count: int,
-    ) -> NDArray[np.float64]:
-        """As in `sim.reference`."""
-        ...
-
     def grid_echo(
         self,
         height_m: NDArray[np.float64],

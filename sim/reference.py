@@ -1,7 +1,7 @@
 """Slow and obvious forms: what the compiled loops do, and what an echo is.
 
-The loops here also run where numba cannot be imported. The rest is for tests and for `belahil accuracy`: a
-fast form is right when it agrees with these.
+The loops here serve single shots, and all where numba cannot be imported. The rest is for tests and for
+`belahil accuracy`: a fast form is right when it agrees with these.
 """
 
 from __future__ import annotations
@@ -94,9 +94,10 @@ def polyphase(
     count : int
         Number of samples.
     """
-    index = offset + stride * np.arange(count)[:, None] - np.arange(histogram.size)
-    inside = (index >= 0) & (index < taps.size)
-    return np.asarray(np.where(inside, taps[np.where(inside, index, 0)], 0.0) @ histogram)
+    whole = np.convolve(histogram, taps)
+    index = offset + stride * np.arange(count)
+    inside = (index >= 0) & (index < whole.size)
+    return np.where(inside, whole[np.where(inside, index, 0)], 0.0)
 
 
 def grid_echo(

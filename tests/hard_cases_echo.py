@@ -22,7 +22,7 @@ from sim.accuracy import Accuracy
 from sim.beam import beam_sigma_m
 from sim.echo import echo
 from sim.footprint import DelayHistogram, NoReturn, delays, plan_footprint
-from sim.footprint_plan import beam_transform, spacing_error
+from sim.footprint_error import beam_transform, spacing_error
 from sim.kernel import Kernel
 from sim.laser import Laser
 from sim.pulse_shape import PulsePiece, PulseShape

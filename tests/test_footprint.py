@@ -14,7 +14,7 @@ from sim.accuracy import Accuracy
 from sim.beam import beam_sigma_m
 from sim.echo import echo
 from sim.footprint import DelayGaussian, DelayHistogram, FootprintPlan, NoReturn, delays, plan_footprint
-from sim.footprint_plan import beam_transform, deposit_error, spacing_error
+from sim.footprint_error import beam_transform, deposit_error, spacing_error
 from sim.kernel import Kernel
 from sim.laser import Laser, pulse_shape
 from sim.pulse_shape import PulsePiece, PulseShape
@@ -312,3 +312,9 @@ def test_shares_of_a_tolerance_are_the_whole() -> None:
     one = Accuracy(1e-3)
 
     assert one.beam_cut + one.deposit + one.kernel + one.spacing == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("altitude_m", [0.0, -1.0, math.nan, math.inf])
+def test_no_altitude_is_refused(altitude_m: float) -> None:
+    with pytest.raises(RefusedInput, match="altitude"):
+        plan_footprint(Accuracy(1e-3), KERNEL, LASER, altitude_m, white(1.0), INTERVAL_S)
