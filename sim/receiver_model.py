@@ -131,10 +131,24 @@ class ReceiverModel:
             receiver's clock; sample 0 is taken ``round(delay_s / nominal interval)`` edges later, and
             `start_s` is that many nominal intervals.
         """
-        edges = round(request.delay_s / self.spec.sample_interval_s)
+        edges = self.edges(request)
         volts = self._filtered(stimulus, request.sample_count, edges, draws, trigger_s)
-        for effect in self.effects[request.gain_code]:
+        return self.digitized(self.at_converter(volts, request.gain_code, draws), request)
+
+    def edges(self, request: WindowRequest) -> int:
+        """Return how many edges of the receiver's clock after its trigger a window begins."""
+        return round(request.delay_s / self.spec.sample_interval_s)
+
+    def at_converter(
+        self, volts: NDArray[np.float64], gain_code: int | None, draws: Draws
+    ) -> NDArray[np.float64]:
+        """Turn filtered, input-referred volts, shape (n,), in place into volts at the converter."""
+        for effect in self.effects[gain_code]:
             effect(volts, draws)
+        return volts
+
+    def digitized(self, volts: NDArray[np.float64], request: WindowRequest) -> RangeWindow:
+        """Quantize volts at the converter, shape (n,), which are overwritten."""
         counts, saturated = self.quantizer.counts(volts)
         counts.setflags(write=False)
         return RangeWindow(
@@ -142,7 +156,7 @@ class ReceiverModel:
             volts_per_count=self.quantizer.volts_per_count,
             zero_count=float(self.quantizer.zero_count),
             sample_interval_s=self.spec.sample_interval_s,
-            start_s=edges * self.spec.sample_interval_s,
+            start_s=self.edges(request) * self.spec.sample_interval_s,
             gain_code=request.gain_code,
             shot=request.shot,
             saturated=saturated,

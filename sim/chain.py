@@ -1,0 +1,290 @@
+"""A chain: from a scene to volts at the cut, and through the receiver to samples.
+
+A chain holds the stages that its scene calls for and no others. The pulse, the amplifier and the receiver's
+filter are one response in the s-plane, so an echo costs one evaluation at each sample that is asked for. The
+receiver right of the cut is the `sim.receiver_model.ReceiverModel` that emulated benches have too.
+
+Times count from the trigger of the receiver's window. The gate, the light from z = 0 at nadir, comes in the
+middle of the longest window, at `Chain.gate_s`; the time of flight before it is left out.
+
+What this does not model: a window that does not follow the altitude, and other echoes in it.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import structs
+
+from belahil.errors import ConfigError
+from belahil.values import RangeWindow, Waveform, WindowRequest
+from sim.accuracy import Accuracy
+from sim.chain_light import Illumination, Lit, OpticalEcho, span_s
+from sim.chain_noise import Filter, GaussianFilter, PoleFilter, ShotNoise, StationaryNoise
+from sim.chain_stimulus import stimulus
+from sim.dark_windows import read_dark_windows
+from sim.detector import gaussian_filter_sigma_s, tia_poles, volts_per_photon_rate
+from sim.draws import Draws
+from sim.echo import echo, posts_error
+from sim.kernel import Kernel
+from sim.laser import pulse_shape
+from sim.light_noise import background_density
+from sim.receiver_model import ReceiverModel
+from sim.selection import select
+from sim.terrain_build import build_surface
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from belahil.stimuli import NoSignal, SampledPulse
+    from sim.footprint import FootprintPlan
+    from sim.scene import Scene
+
+_SETTLED = 20.0
+"""Times that the response needs to change, after which the echo of a pulse is over, but for slow tails."""
+
+
+class Chain:
+    """What a scene's instrument measures.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is there.
+    accuracy : Accuracy
+        How exactly the echo is computed.
+
+    Raises
+    ------
+    RefusedInput
+        The tolerance cannot be met, or something in the scene cannot be; `ConfigError` with the key.
+    OffTerrain
+        The beam does not meet the terrain.
+    """
+
+    def __init__(self, scene: Scene, accuracy: Accuracy | None = None) -> None:
+        self.scene, self.accuracy = scene, accuracy or Accuracy()
+        self.stages = select(scene, self.accuracy)
+        names = frozenset(stage.name for stage in self.stages)
+        self.surface = build_surface(scene.surface)
+        self.receiver = ReceiverModel(scene.truth, scene.receiver_spec.digitizer)
+        self._noise_free = self.receiver
+        if "dark noise" in names:
+            silent = tuple(0.0 for _ in scene.truth.noise_rms_v_by_code)
+            truth = structs.replace(scene.truth, noise_rms_v_by_code=silent)
+            self._noise_free = ReceiverModel(truth, scene.receiver_spec.digitizer)
+        self._interval_s = self.receiver.grid.interval_s
+        self.gate_s = (self.receiver.spec.max_sample_count // 2) * self.receiver.spec.sample_interval_s
+        self._illumination = Illumination(scene, self.surface, names)
+        white = self._illumination.photons_from_white
+        pulse = pulse_shape(scene.laser)
+        self.light_kernel = Kernel(pulse, gain=white, tolerance=self.accuracy.kernel)
+        self.passed, self.kernel = self._filtered(white * volts_per_photon_rate(scene.detector))
+        self.plan = self._illumination.plan(self.accuracy, self.kernel, self._interval_s)
+        self.light_noise = self._light_noises(names)
+        self._recorded: tuple[Callable[[NDArray[np.float64], Draws], None], ...] = ()
+        if "recorded dark noise" in names:
+            self._recorded = (self._add_recorded,)
+
+    # ---- what comes out
+
+    def echo(self, shot: int | None = None) -> OpticalEcho:
+        """Return the light on the photodiode.
+
+        Parameters
+        ----------
+        shot : int or None
+            With its jitter; None: the mean shot, without any.
+        """
+        draws = None if shot is None else Draws(self.scene.seed, shot)
+        return self.optical(self._illumination.lit(self._echo_plan, draws))
+
+    def stimulus(
+        self, shot: int | None = None, sample_rate_hz: float | None = None
+    ) -> SampledPulse | NoSignal:
+        """Return the voltage at the cut, round the echo.
+
+        Parameters
+        ----------
+        shot : int or None
+            With its jitter, its shot noise, and noise of the sunlight; None: the mean shot without noise.
+        sample_rate_hz : float or None
+            Of the break points; None: so fine that straight lines keep the tolerance behind the filter.
+
+        Returns
+        -------
+        SampledPulse or NoSignal
+            On the time axis of `window`, from a whole nanosecond on. The pole of the amplifier is left to the
+            pulse's `poles`. `NoSignal` where there is neither light nor noise.
+
+        Notes
+        -----
+        Shot noise is, up to the sample rate, that of `window` for the same shot. Noise of sunlight and of
+        dark current is another draw of the same kind.
+        """
+        return stimulus(self, shot, sample_rate_hz)
+
+    def samples(self, shot: int | None = None, request: WindowRequest | None = None) -> Waveform:
+        """Return volts at the converter before quantization.
+
+        Parameters
+        ----------
+        shot : int or None
+            Index of the shot; None: the mean shot without noise, sampled at phase 0.
+        request : WindowRequest or None
+            Of which stretch; None: that of `correlation_window`. Its `shot` does not count.
+        """
+        request = request or self.correlation_window(shot or 0)
+        volts = self._at_converter(shot, request)
+        start_s = self.receiver.edges(request) * self.receiver.spec.sample_interval_s
+        return Waveform(volts, self.receiver.spec.sample_rate_hz, start_s)
+
+    def window(self, shot: int | None = None, request: WindowRequest | None = None) -> RangeWindow:
+        """Return counts, as a receiver reports them.
+
+        Parameters
+        ----------
+        shot, request
+            As in `samples`; None for the request: the longest window, from the trigger on.
+        """
+        request = request or self.whole_window(shot or 0)
+        return self.receiver.digitized(self._at_converter(shot, request), request)
+
+    def whole_window(self, shot: int = 0) -> WindowRequest:
+        """Return the request for the longest window."""
+        return WindowRequest(shot, self._gain_code, self.receiver.spec.max_sample_count)
+
+    def correlation_window(self, shot: int = 0, sample_count: int | None = None) -> WindowRequest:
+        """Return the request for the samples round the echo of a mean shot.
+
+        Parameters
+        ----------
+        shot : int
+            Index of the shot.
+        sample_count : int or None
+            None: as many as the receiver's range finder keeps.
+        """
+        count = sample_count or self.scene.receiver_spec.correlation_window_samples
+        first = round(self._centre_s / self.receiver.spec.sample_interval_s) - count // 2
+        return WindowRequest(shot, self._gain_code, count, first * self.receiver.spec.sample_interval_s)
+
+    # ---- what it will cost, and why
+
+    @cached_property
+    def posts_error(self) -> float:
+        """What relief between the posts of a terrain model may have done, max |dV| / peak; see `sim.echo`."""
+        scene = self.scene
+        return posts_error(
+            self.surface, scene.laser, scene.altitude_m, self.plan, self.kernel, self._interval_s
+        )
+
+    def explain(self) -> str:
+        """Return, as lines to print, the stages, why they run, and their predicted error and cost."""
+        from sim.chain_plan import told
+
+        return told(self)
+
+    # ---- its parts
+
+    def lit(self, shot: int | None = None, align_s: float = 0.0) -> Lit:
+        """Return what a shot lights, by the plan for samples; see `sim.chain_light.Illumination.lit`."""
+        draws = None if shot is None else Draws(self.scene.seed, shot)
+        return self._illumination.lit(self.plan, draws, align_s)
+
+    def optical(self, lit: Lit) -> OpticalEcho:
+        """Return the light of what a shot lights."""
+        return OpticalEcho(self.light_kernel, lit, self._illumination.photon_energy_j)
+
+    def _filtered(self, gain: float) -> tuple[Filter, Kernel]:
+        scene, receiver, pulse = self.scene, self.receiver, self.light_kernel.pulse
+        if scene.filter == "gaussian":
+            sigma_s = gaussian_filter_sigma_s(scene.detector.tia_bandwidth_hz)
+            own = Kernel(pulse, tia_poles(scene.detector), 0, gain, self.accuracy.kernel)
+            return GaussianFilter(sigma_s), own.widened(sigma_s)
+        if receiver.zeros and 0 < scene.detector.tia_pole_hz <= scene.truth.highpass_hz:
+            raise ConfigError(
+                f"[detector] tia_pole_hz = {scene.detector.tia_pole_hz:g}: must be above highpass_hz = "
+                f"{scene.truth.highpass_hz:g} of the receiver"
+            )
+        poles = (*tia_poles(scene.detector), *receiver.poles)
+        kernel = Kernel(pulse, poles, receiver.zeros, gain, self.accuracy.kernel)
+        return PoleFilter(poles, receiver.zeros), kernel
+
+    def _light_noises(self, names: frozenset[str]) -> tuple[ShotNoise | StationaryNoise, ...]:
+        scene, detector = self.scene, self.scene.detector
+        found: list[ShotNoise | StationaryNoise] = []
+        if "shot noise" in names:
+            found.append(ShotNoise(detector, self.passed, self._interval_s))
+        if "sunlight" in names:
+            no_current = structs.replace(detector, surface_dark_a=0.0, bulk_dark_a=0.0)
+            density = background_density(structs.replace(scene, detector=no_current))
+            found.append(StationaryNoise("sunlight", density, self.passed, self._interval_s))
+        if "dark current" in names:
+            density = background_density(structs.replace(scene, sun=None))
+            found.append(StationaryNoise("dark_current", density, self.passed, self._interval_s))
+        return tuple(found)
+
+    def _at_converter(self, shot: int | None, request: WindowRequest) -> NDArray[np.float64]:
+        draws = Draws(self.scene.seed, shot or 0)
+        phase = 0.0 if shot is None else draws.uniform("sampling_phase")
+        first_s = (phase + self.receiver.edges(request)) * self._interval_s - self.gate_s
+        lit = self.lit(shot, first_s)
+        volts = self._echo_volts(lit, first_s, request.sample_count)
+        if shot is None:
+            return self._noise_free.at_converter(volts, request.gain_code, draws)
+        for noise in self.light_noise:
+            noise.add(volts, first_s, self.optical(lit), draws)
+        self.receiver.at_converter(volts, request.gain_code, draws)
+        for add in self._recorded:
+            add(volts, draws)
+        return volts
+
+    def _echo_volts(self, lit: Lit, first_s: float, count: int) -> NDArray[np.float64]:
+        """Input-referred volts behind the filter, computed only where the echo has begun and not ended."""
+        volts = np.zeros(count)
+        begin_s, end_s = span_s(self.kernel, lit.delays)
+        low = max(0, math.floor((begin_s - first_s) / self._interval_s))
+        high = min(count, math.ceil((end_s - first_s) / self._interval_s) + 1)
+        if high <= low:
+            return volts
+        skew_s = self.receiver.grid.skew_s
+        if not skew_s:
+            place_s = first_s + low * self._interval_s
+            volts[low:high] = echo(self.kernel, lit.delays, place_s, self._interval_s, high - low)
+        else:
+            for one in (low, low + 1):
+                late_s = skew_s / 2 if one % 2 == 0 else -skew_s / 2
+                place_s = first_s + one * self._interval_s + late_s
+                size = len(range(one, high, 2))
+                volts[one:high:2] = echo(self.kernel, lit.delays, place_s, 2 * self._interval_s, size)
+        if lit.energy != 1:
+            volts *= lit.energy
+        return volts
+
+    def _add_recorded(self, volts: NDArray[np.float64], draws: Draws) -> None:
+        recorded = read_dark_windows(self.scene.noise.dark_windows, self.scene.gain_code)
+        volts += recorded.draw(draws, volts.size)
+
+    @cached_property
+    def _echo_plan(self) -> FootprintPlan:
+        """Steps for the light itself, which no filter has smoothed."""
+        return self._illumination.plan(self.accuracy, self.light_kernel, self._interval_s)
+
+    @property
+    def _gain_code(self) -> int | None:
+        return self.scene.gain_code if self.receiver.spec.gain_codes else None
+
+    @cached_property
+    def _centre_s(self) -> float:
+        """Where the echo of a mean shot is largest, to a sample, s."""
+        begin_s, end_s = span_s(self.light_kernel, self.lit().delays)
+        settled_s = min(self.passed.ends_s, _SETTLED * self.kernel.finest_s)
+        count = math.ceil((end_s - begin_s + settled_s) / self._interval_s) + 1
+        volts = np.abs(echo(self.kernel, self.lit().delays, begin_s, self._interval_s, count))
+        above = np.flatnonzero(volts >= volts.max() / 2)
+        return self.gate_s + begin_s + float(above[0] + above[-1]) / 2 * self._interval_s

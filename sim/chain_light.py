@@ -1,0 +1,238 @@
+"""The light of a chain: where a shot's photons come from, and when they reach the photodiode.
+
+What this does not model: photons that differ from shot to shot by their number alone; their spread is in the
+shot noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim.detector import in_field_of_view, optical_transmission, solid_angle_sr
+from sim.echo import echo
+from sim.footprint import DelayHistogram, Delays, NoReturn, delays, plan_footprint
+from sim.laser import energy_factor, photon_energy_j, photon_number, pointing_jitter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Set
+
+    from numpy.typing import NDArray
+
+    from sim.accuracy import Accuracy
+    from sim.draws import Draws
+    from sim.footprint import FootprintPlan
+    from sim.footprint_plan import Method
+    from sim.kernel import Kernel
+    from sim.scene import Scene
+    from sim.terrain import Surface
+
+    Factor = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+
+_FAINT = 1e-9
+"""Of the peak of a pulse: what is left of its tail does not count as light that lasts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lit:
+    """What one shot lights.
+
+    Parameters
+    ----------
+    delays : Delays
+        Of its light, from the gate.
+    energy : float
+        Of its pulse, relative to the laser's.
+    """
+
+    delays: Delays
+    energy: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class OpticalEcho:
+    """The light of one shot on the photodiode.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        The pulse; its gain is the photons that a beam on white ground returns.
+    lit : Lit
+        Delays and energy of the shot.
+    photon_energy_j : float
+        Of one photon.
+    """
+
+    kernel: Kernel
+    lit: Lit
+    photon_energy_j: float
+
+    @property
+    def status(self) -> str:
+        """Return "ok", or why no light comes back."""
+        light = self.lit.delays
+        return light.reason if isinstance(light, NoReturn) else "ok"
+
+    @property
+    def photons(self) -> float:
+        """Mean number of photons."""
+        return self.kernel.gain * self.lit.energy * self.lit.delays.total
+
+    @property
+    def energy_j(self) -> float:
+        """Energy of the photons, J."""
+        return self.photons * self.photon_energy_j
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time of the light, from the gate, s; (0, 0) where there is none."""
+        return span_s(self.kernel, self.lit.delays)
+
+    def photon_rate_hz(self, first_s: float, step_s: float, count: int) -> NDArray[np.float64]:
+        """Return photons a second on equal steps of time, shape (count,); `first_s` is from the gate."""
+        rate = echo(self.kernel, self.lit.delays, first_s, step_s, count) * self.lit.energy
+        # The cubic deposit on bins undershoots by a trace; a rate cannot.
+        return np.maximum(rate, 0.0)
+
+    def power_w(self, first_s: float, step_s: float, count: int) -> NDArray[np.float64]:
+        """Return optical power, W, at the times of `photon_rate_hz`."""
+        return self.photon_rate_hz(first_s, step_s, count) * self.photon_energy_j
+
+
+def span_s(kernel: Kernel, light: Delays) -> tuple[float, float]:
+    """Return when a kernel's response to some light begins and ends, to 1e-9 of its peak, s."""
+    if isinstance(light, NoReturn):
+        return 0.0, 0.0
+    first_s, last_s = lasting_s(kernel)
+    if isinstance(light, DelayHistogram):
+        return light.first_s + first_s, light.first_s + light.bin_s * (light.weights.size - 1) + last_s
+    wide_s = 6.5 * light.std_s
+    return light.mean_s - wide_s + first_s, light.mean_s + wide_s + last_s
+
+
+@lru_cache(maxsize=32)
+def lasting_s(kernel: Kernel) -> tuple[float, float]:
+    """Return between which lags a kernel is above 1e-9 of its peak, s."""
+    lags_s = np.linspace(kernel.starts_s, kernel.ends_s, 8192)
+    level = np.abs(kernel.at(lags_s))
+    above = np.flatnonzero(level > _FAINT * level.max())
+    step_s = lags_s[1] - lags_s[0]
+    return float(lags_s[above[0]] - step_s), float(lags_s[above[-1]] + step_s)
+
+
+class Illumination:
+    """Finds the light of each shot of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Laser, detector and law of scattering.
+    surface : Surface
+        Its ground.
+    stages : set of str
+        Names from `sim.selection` that the scene calls for.
+    """
+
+    def __init__(self, scene: Scene, surface: Surface, stages: Set[str]) -> None:
+        self._scene, self._surface = scene, surface
+        self.photon_energy_j = photon_energy_j(scene.laser.wavelength_m)
+        self.photons_from_white = (
+            photon_number(scene.laser)
+            / math.pi
+            * solid_angle_sr(scene.detector.telescope_radius_m, scene.altitude_m)
+            * optical_transmission(scene.detector)
+        )
+        factors: list[Factor] = []
+        if "radiation factor" in stages:
+            constant = _constant_factor(scene)
+            if constant is None:
+                factors.append(self._cosine)
+            else:
+                self.photons_from_white *= constant
+        if "field of view" in stages:
+            factors.append(self._seen)
+        self._factor = _product(factors)
+        self._jitters = "pointing jitter" in stages
+        self._energy_jitters = "energy jitter" in stages
+        self._means: dict[FootprintPlan, Delays] = {}
+
+    def plan(self, accuracy: Accuracy, kernel: Kernel, interval_s: float) -> FootprintPlan:
+        """Plan the footprint for a kernel; errors as `sim.footprint_plan.plan_footprint`."""
+        method: Method | None = None if self._factor is None else "grid"
+        scene = self._scene
+        return plan_footprint(
+            accuracy, kernel, scene.laser, scene.altitude_m, self._surface, interval_s, method
+        )
+
+    def lit(self, plan: FootprintPlan, draws: Draws | None, align_s: float = 0.0) -> Lit:
+        """Return what one shot lights.
+
+        Parameters
+        ----------
+        plan : FootprintPlan
+            From `plan`.
+        draws : Draws or None
+            Of this shot: "pointing", "energy". None: the mean shot, without jitter.
+        align_s : float
+            As in `sim.footprint.delays`; without moving beam the delays of the mean shot serve every shot.
+        """
+        if draws is None or not self._jitters:
+            if plan not in self._means:
+                self._means[plan] = self._delays(plan, (0.0, 0.0), 0.0)
+            light = self._means[plan]
+        else:
+            light = self._delays(plan, pointing_jitter(self._scene.laser, draws), align_s)
+        if draws is None or not self._energy_jitters:
+            return Lit(light)
+        return Lit(light, energy_factor(self._scene.laser, draws))
+
+    def _delays(self, plan: FootprintPlan, pointing_rad: tuple[float, float], align_s: float) -> Delays:
+        scene = self._scene
+        return delays(
+            self._surface,
+            scene.laser,
+            scene.altitude_m,
+            plan,
+            pointing_rad,
+            align_s=align_s,
+            factor=self._factor,
+        )
+
+    def _seen(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        seen = in_field_of_view(self._scene.detector, self._scene.altitude_m, x_m, y_m)
+        return seen.astype(np.float64)
+
+    def _cosine(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Cosine of the incidence, from heights half a step to either side; level where there is none."""
+        step_m = self._slope_step_m
+        climb = np.zeros(np.broadcast(x_m, y_m).shape)
+        for along, across in ((step_m, 0.0), (0.0, step_m)):
+            ahead = self._surface.sample(x_m + along / 2, y_m + across / 2)
+            behind = self._surface.sample(x_m - along / 2, y_m - across / 2)
+            known = ahead.known & behind.known
+            climb += np.where(known, (ahead.height_m - behind.height_m) / step_m, 0.0) ** 2
+        return np.asarray(1 / np.sqrt(1 + climb))
+
+    @cached_property
+    def _slope_step_m(self) -> float:
+        if self._surface.spacing_m:
+            return self._surface.spacing_m
+        return 1e-3 * self._scene.surface.diameter_m
+
+
+def _constant_factor(scene: Scene) -> float | None:
+    """Return the radiation factor, None where it depends on the place."""
+    surface = scene.surface
+    if surface.photometry == "factor":
+        return surface.radiation_factor
+    return math.cos(math.radians(surface.slope_deg)) if surface.kind == "plane" else None
+
+
+def _product(factors: list[Factor]) -> Factor | None:
+    if not factors:
+        return None
+    return lambda x_m, y_m: np.asarray(math.prod(factor(x_m, y_m) for factor in factors))

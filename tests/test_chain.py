@@ -1,0 +1,351 @@
+"""Chains from end to end: against independent forms, against the link budget, against a bench."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec import structs
+from scenes import BARE, DAY, NIGHT, with_
+
+from belahil import butterworth
+from belahil.bench import open_bench
+from belahil.config import Interleave, parse_bench
+from belahil.errors import RefusedInput
+from belahil.pole_response import response
+from belahil.stimuli import NoSignal, SampledPulse
+from belahil.values import WindowRequest
+from sim.accuracy import Accuracy
+from sim.chain import Chain
+from sim.draws import Draws
+from sim.footprint import DelayGaussian
+from sim.link_budget import link_budget
+from sim.presets import laser_preset
+from sim.scene import Scene, load_scene
+from sim.terrain_grid import OffTerrain
+
+INTERVAL_S = 12.5e-9
+
+
+def steady(name: str) -> Scene:
+    return with_(load_scene(name), laser={"jitter_rad": (0.0, 0.0), "energy_jitter": 0.0})
+
+
+# ---- the mean echo
+
+
+def test_the_echo_carries_the_photons_of_the_link_budget() -> None:
+    chain, budget = Chain(BARE, Accuracy(1e-6)), link_budget(BARE)
+
+    echo = chain.echo()
+
+    assert echo.status == "ok"
+    assert echo.photons == pytest.approx(budget.photons, rel=1e-6)
+    assert echo.energy_j == pytest.approx(budget.energy_j, rel=1e-6)
+    begin_s, end_s = echo.span_s
+    step_s = 1e-10
+    count = math.ceil((end_s - begin_s) / step_s)
+    assert echo.photon_rate_hz(begin_s, step_s, count).sum() * step_s == pytest.approx(
+        budget.photons, rel=1e-6
+    )
+    assert echo.power_w(begin_s, step_s, count).sum() * step_s == pytest.approx(budget.energy_j, rel=1e-6)
+
+
+def test_the_area_of_the_samples_is_that_of_the_link_budget() -> None:
+    chain = Chain(BARE, Accuracy(1e-6))
+
+    volts = chain.samples(request=chain.correlation_window(sample_count=200)).volts
+
+    assert volts.sum() * INTERVAL_S == pytest.approx(link_budget(BARE).area_at_converter_v_s, rel=1e-5)
+
+
+def test_samples_are_the_stimulus_behind_the_filter() -> None:
+    # Given a stimulus on a fine grid, filtered by another module
+    chain = Chain(BARE, Accuracy(1e-5))
+    pulse, samples = chain.stimulus(), chain.samples()
+    assert isinstance(pulse, SampledPulse)
+    times_s = samples.start_s + np.arange(samples.volts.size) * INTERVAL_S
+
+    volts = 5.19 * response(
+        pulse.volts, pulse.sample_rate_hz, pulse.start_s, "linear", butterworth.poles(19e6, 3), times_s
+    )
+
+    # Then both are the same within the tolerance, met twice
+    np.testing.assert_allclose(samples.volts, volts, rtol=0, atol=2e-5 * volts.max())
+
+
+def test_the_amplifiers_pole_is_left_to_the_stimulus_and_is_in_the_samples() -> None:
+    chain = Chain(with_(BARE, detector={"tia_pole_hz": 20e6}), Accuracy(1e-5))
+    pulse, samples = chain.stimulus(), chain.samples()
+    assert isinstance(pulse, SampledPulse)
+    assert pulse.poles == (complex(-2 * math.pi * 20e6),)
+    times_s = samples.start_s + np.arange(samples.volts.size) * INTERVAL_S
+    poles = (*pulse.poles, *butterworth.poles(19e6, 3))
+
+    volts = 5.19 * response(pulse.volts, pulse.sample_rate_hz, pulse.start_s, "linear", poles, times_s)
+
+    np.testing.assert_allclose(samples.volts, volts, rtol=0, atol=2e-5 * volts.max())
+
+
+def test_the_three_idealized_surfaces_return_equal_light() -> None:
+    areas = []
+    for name in ("plane", "crater", "boulder"):
+        chain = Chain(steady(name))
+        request = chain.correlation_window(sample_count=200)
+        areas.append(chain.samples(request=request).volts.sum() * INTERVAL_S)
+
+    assert areas == pytest.approx([link_budget(steady("plane")).area_at_converter_v_s] * 3, rel=1e-4)
+
+
+def test_echoes_of_crater_and_boulder_are_mirrored() -> None:
+    # Given a pulse that is its own mirror
+    step_s, count = 0.5e-9, 801
+    rates = []
+    for name in ("crater", "boulder"):
+        scene = with_(steady(name), laser={"pulse": "gaussian"})
+        rates.append(Chain(scene).echo().photon_rate_hz(-200e-9, step_s, count))
+
+    # Then one is the other backwards, but for the wavefront's curve of 1 ps
+    np.testing.assert_allclose(rates[0], rates[1][::-1], rtol=0, atol=2e-3 * rates[0].max())
+    assert np.abs(rates[0] - rates[1]).max() > 0.1 * rates[0].max()
+
+
+def test_a_gaussian_fitted_to_the_boulder_is_narrower_than_one_fitted_to_the_plane() -> None:
+    from scipy.optimize import curve_fit
+
+    widths = {}
+    for name in ("plane", "boulder"):
+        samples = Chain(steady(name)).samples()
+        places = np.arange(42.0)
+        start = (samples.volts.max(), float(samples.volts.argmax()), 2.0)
+        found, _ = curve_fit(
+            lambda t, a, t0, s: a * np.exp(-0.5 * ((t - t0) / s) ** 2), places, samples.volts, start
+        )
+        widths[name] = abs(found[2])
+
+    assert widths["boulder"] < 0.97 * widths["plane"]
+
+
+# ---- shots
+
+
+def test_a_shot_is_the_same_alone_and_in_a_row() -> None:
+    row = Chain(DAY)
+    for shot in range(5):
+        row.window(shot)
+
+    assert row.window(5).equals(Chain(DAY).window(5))
+    assert not row.window(5).equals(row.window(4))
+
+
+def test_windows_of_one_shot_share_their_echo_and_its_shot_noise() -> None:
+    chain = Chain(structs.replace(BARE, noise=structs.replace(BARE.noise, shot=True)))
+    short = chain.samples(7)
+    whole = chain.samples(7, chain.whole_window(7))
+
+    first = round((short.start_s - whole.start_s) / INTERVAL_S)
+    np.testing.assert_allclose(
+        whole.volts[first : first + 42], short.volts, rtol=0, atol=1e-6 * short.volts.max()
+    )
+
+
+def test_the_mean_of_noisy_shots_is_the_noise_free_one() -> None:
+    # Given the noise of many shots, each at its own sampling phase
+    noisy, quiet, shots = Chain(DAY), Chain(BARE), 1500
+    noise = np.array([noisy.samples(k).volts - quiet.samples(k).volts for k in range(shots)])
+
+    # Then no sample's mean is further off than 4.5 standard errors (42 samples: 3e-4 by chance)
+    assert np.abs(noise.mean(axis=0) / (noise.std(axis=0) / math.sqrt(shots))).max() < 4.5
+
+
+def test_jitter_moves_the_echo_of_sloping_ground_as_far_as_the_beam() -> None:
+    jitter_rad, shots = 2e-6, 400
+    chain = Chain(with_(BARE, laser={"jitter_rad": (jitter_rad, 0.0)}))
+
+    found = [chain.lit(shot).delays for shot in range(shots)]
+    means = [light.mean_s for light in found if isinstance(light, DelayGaussian)]
+
+    moved_s = 2 / 299792458.0 * jitter_rad * 500e3 * math.tan(math.radians(10))
+    assert np.std(means) == pytest.approx(moved_s, rel=4.5 / math.sqrt(2 * shots))
+
+
+def test_energy_jitter_scales_light_and_samples() -> None:
+    chain, still = Chain(with_(BARE, laser={"energy_jitter": 0.05})), Chain(BARE)
+
+    ratio = chain.echo(4).photons / still.echo(4).photons
+
+    assert ratio != 1
+    np.testing.assert_allclose(chain.samples(4).volts, still.samples(4).volts * ratio, rtol=1e-12, atol=1e-18)
+
+
+def test_skewed_converters_sample_the_echo_at_their_own_times() -> None:
+    skew_s = 400e-12
+    skewed = Chain(with_(BARE, electronics={"interleave": Interleave(skew_s=skew_s)}))
+    straight = Chain(BARE)
+    request = straight.correlation_window()
+    times_s = request.delay_s - straight.gate_s + np.arange(42) * INTERVAL_S
+    late_s = np.where(np.arange(42) % 2 == 0, skew_s / 2, -skew_s / 2)
+    light = straight.lit().delays
+    assert isinstance(light, DelayGaussian)
+    kernel = straight.kernel.widened(light.std_s)
+    expected = light.total * kernel.exact(times_s + late_s - light.mean_s)
+
+    np.testing.assert_allclose(skewed.samples().volts, 5.19 * expected, rtol=0, atol=1e-12)
+    assert np.abs(skewed.samples().volts - straight.samples().volts).max() > 1e-4
+
+
+# ---- noise against its density
+
+
+class _Ones:
+    """Draws that are all 1: what is drawn is the rms."""
+
+    def stream(self, effect: str) -> _Ones:
+        return self
+
+    def standard_normal(self, count: int) -> np.ndarray:
+        return np.ones(count)
+
+
+def test_the_variance_of_shot_noise_is_the_analytic_one() -> None:
+    from scipy.signal import butter, residue
+
+    from sim.chain_noise import ShotNoise
+    from sim.light_noise import shot_noise_density
+
+    # Given a filter in partial fractions by another library, and a fine quadrature
+    chain = Chain(structs.replace(BARE, noise=structs.replace(BARE.noise, shot=True)))
+    (noise,) = chain.light_noise
+    assert isinstance(noise, ShotNoise)
+    first_s, step_s = -160e-9, INTERVAL_S / 400
+    light = chain.echo()
+    begin_s, end_s = light.span_s
+    places_s = np.arange(begin_s, end_s, step_s)
+    density = shot_noise_density(BARE.detector, light.photon_rate_hz(begin_s, step_s, places_s.size))
+    weights, poles, _ = residue(*butter(3, 2 * math.pi * 19e6, analog=True))
+    lags = first_s + INTERVAL_S * np.arange(42)[:, None] - places_s - step_s / 2
+    after = np.maximum(lags, 0)
+    h = sum((w * np.exp(p * after)).real for w, p in zip(weights, poles, strict=True)) * (lags > 0)
+    expected = (0.5 * density**2 * h**2).sum(axis=1) * step_s
+
+    # When every draw is its rms, and the taps are squared
+    begin, rms_v = noise.before_filter(light, first_s, _Ones())  # type: ignore[arg-type]
+    first, taps = noise._taps
+    variance = np.convolve(rms_v**2, taps**2)
+    index = 16 * np.arange(42) - begin - 1 - first
+    found = np.where(
+        (index >= 0) & (index < variance.size), variance[np.clip(index, 0, variance.size - 1)], 0.0
+    )
+
+    # Then the variances agree to 0.2 % of the largest
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * expected.max())
+    # The peak rate, were it to last, would make more.
+    lasting_v2 = density.max() ** 2 * butterworth.noise_bandwidth(19e6, 3)
+    assert 0.6 * lasting_v2 < expected.max() < lasting_v2
+
+    # And the samples are drawn with that variance
+    drawn = np.zeros((4000, 42))
+    for shot, row in enumerate(drawn):
+        noise.add(row, first_s, light, Draws(1, shot))
+    loud = expected > 1e-3 * expected.max()
+    assert np.abs(drawn[:, loud].var(axis=0) / expected[loud] - 1).max() < 5 * math.sqrt(2 / 4000)
+
+
+def test_sunlight_makes_dark_noise_1_8_times_as_large() -> None:
+    # Given no echo, so that a window holds stationary noise alone
+    day, night = (with_(scene, surface={"slope_deg": 0.0}, noise={"shot": False}) for scene in (DAY, NIGHT))
+    rms = []
+    for scene in (night, day):
+        chain = Chain(scene)
+        volts = np.concatenate([chain.samples(k, chain.whole_window(k)).volts[:7900] for k in range(8)])
+        rms.append(float(volts.std()))
+
+    # Then noon raises it by 80 %; one sample in two is independent
+    assert rms[0] == pytest.approx(0.83e-3, rel=0.02)
+    assert rms[1] / rms[0] == pytest.approx(1.80, rel=0.02)
+
+
+# ---- one receiver: a played pulse and an echo
+
+
+@pytest.mark.parametrize("name", ["plane", "boulder", "boulder-example"])
+def test_a_played_echo_gives_the_window_of_the_chain(name: str) -> None:
+    # Given a scene, and a bench whose receiver is the same and without noise
+    scene = structs.replace(steady(name), noise=type(BARE.noise)(), sun=None, seed=11)
+    chain = Chain(scene)
+    bench_file = parse_bench(
+        "[generator]\ndriver = 'keysight-33600'\naddress = 'simulated'\nattenuation_db = 20.0\n"
+        "[digitizer]\nlink = 'simulated'\n[emulation]\nseed = 11\n[emulation.receiver]\n"
+        f"noise_rms_v_by_code = {[0.0] * 16}\n"
+    )
+    pulse = chain.stimulus(sample_rate_hz=1e9)
+
+    # When the generator plays its echo
+    with open_bench(bench_file) as bench:
+        shot = bench.measure(pulse, WindowRequest(3, 4, 16064))
+    played = shot.window.counts.astype(int)
+
+    # Then counts differ by one count and one step of the generator, at most
+    assert isinstance(shot.played, SampledPulse)
+    step_v = np.abs(shot.played.volts).max() / 2**13 * chain.scene.gain
+    allowed = 1 + step_v / shot.window.volts_per_count
+    assert np.abs(played - chain.window(3).counts).max() <= allowed
+    assert np.ptp(played) > 4
+
+
+def test_a_played_shot_carries_its_shot_noise() -> None:
+    scene = structs.replace(BARE, noise=structs.replace(BARE.noise, shot=True))
+    chain, quiet = Chain(scene), Chain(BARE)
+    pulse = chain.stimulus(6)
+    assert isinstance(pulse, SampledPulse)
+
+    window = chain.receiver.window(pulse, chain.correlation_window(6), Draws(scene.seed, 6))
+
+    noise = chain.samples(6).volts - quiet.samples(6).volts
+    differs = window.volts - chain.window(6, chain.correlation_window(6)).volts
+    # Straight lines between the draws take 0.2 % of the amplitude away at 20 MHz.
+    assert np.abs(differs).max() <= window.volts_per_count + 0.01 * np.abs(noise).max()
+
+
+# ---- what cannot be
+
+
+def test_black_ground_returns_no_light_and_no_signal() -> None:
+    chain = Chain(with_(NIGHT, surface={"reflectance": 0.0}))
+
+    assert chain.echo().status.startswith("the ground")
+    assert chain.echo().photons == 0
+    assert isinstance(chain.stimulus(), NoSignal)
+    assert np.abs(chain.window(1).volts).max() < 8 * 0.83e-3
+
+
+def test_a_beam_off_the_terrain_is_told(tmp_path: Path) -> None:
+    np.save(tmp_path / "ground.npy", np.zeros((40, 40)))
+    scene = with_(BARE, surface={"kind": "dtm", "slope_deg": 0.0, "file": str(tmp_path / "ground.npy")})
+    scene = with_(scene, laser={"pointing_rad": (2e-3, 0.0)})
+
+    with pytest.raises(OffTerrain, match="no ground"):
+        Chain(scene)
+
+
+def test_a_bias_above_breakdown_is_refused() -> None:
+    with pytest.raises(RefusedInput, match="breakdown"):
+        Chain(with_(BARE, detector={"bias_v": 400.0}))
+
+
+def test_an_amplifier_slower_than_the_high_pass_is_refused() -> None:
+    scene = with_(BARE, detector={"tia_pole_hz": 1e3}, electronics={"highpass_hz": 1e4})
+
+    with pytest.raises(RefusedInput, match="tia_pole_hz"):
+        Chain(scene)
+
+
+def test_another_instrument_runs_through_the_same_chain() -> None:
+    scene = with_(load_scene("gala-like"), laser={"jitter_rad": (0.0, 0.0), "energy_jitter": 0.0})
+    chain = Chain(scene)
+
+    assert chain.samples().volts.size == 64
+    assert chain.samples().sample_rate_hz == 200e6
+    assert laser_preset("gala-like").divergence_rad == scene.laser.divergence_rad
