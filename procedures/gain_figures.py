@@ -231,5 +231,5 @@ def residual_figure(found: Characterization) -> Figure:
     _megahertz(axes)
     axes.set_ylabel("residual / standard uncertainty")
     if axes.lines:
-        axes.legend(fontsize=8, ncols=5, loc="upper center", bbox_to_anchor=(0.5, -0.16), frameon=False)
+        axes.legend(fontsize=8, ncols=5, loc="upper center", bbox_to_anchor=(0.5, 1.16), frameon=False)
     return figure

@@ -161,7 +161,7 @@ def _notes(found: Characterization) -> list[str]:
         "the cut. Gain and cut-off come from the fit of whole order over all usable amplitudes.",
         "noise_rms is the analog noise at the converter; quantization, converter offsets and the interleave "
         "line are taken out. noise_rms_total is the raw value.",
-        "A high-pass is reported when it is larger than three of its standard uncertainties (in its square).",
+        "A high-pass is reported when it is larger than four of its standard uncertainties (in its square).",
         "Not modelled: drift during the sweep, harmonic distortion, a filter that is not Butterworth. The "
         "residual figure shows them.",
     ]
