@@ -237,13 +237,17 @@ def _model(
 def _grid_start(
     frequency: NDArray[np.float64], gain: NDArray[np.float64], gain_u: NDArray[np.float64], order: float
 ) -> tuple[float, float]:
+    # Points of one frequency (there is one for each amplitude) act as their weighted mean.
+    frequencies, which = np.unique(frequency, return_inverse=True)
+    weight = (gain_u.min() / gain_u) ** 2
+    weights, products = np.bincount(which, weight), np.bincount(which, weight * gain)
     cutoffs = np.geomspace(frequency.min() / 4, frequency.max() * 8, GRID_POINTS)
-    power = 2 * order * (np.log(frequency)[None, :] - np.log(cutoffs)[:, None])
-    shapes = np.exp(-0.5 * np.logaddexp(0.0, power)) / gain_u
-    gains = shapes @ (gain / gain_u) / np.sum(shapes**2, axis=1)
-    misfit = np.sum((gains[:, None] * shapes - gain / gain_u) ** 2, axis=1)
-    best = int(np.argmin(np.where(gains > 0, misfit, np.inf)))
-    return max(float(gains[best]), 1e-300), float(cutoffs[best])
+    power = 2 * order * (np.log(frequencies)[None, :] - np.log(cutoffs)[:, None])
+    shapes = np.exp(-0.5 * np.logaddexp(0.0, power))
+    along, size = shapes @ products, shapes**2 @ weights
+    # The best gain of each cut-off takes along**2 / size off the sum of squares.
+    best = int(np.argmax(np.where(along > 0, along**2 / size, -1.0)))
+    return max(float(along[best] / size[best]), 1e-300), float(cutoffs[best])
 
 
 def _described(
