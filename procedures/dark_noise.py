@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 Status = Literal["ok", "clipped", "below_dither", "no_signal"]
 
 SEGMENT = 256
-LEAST_SIGMA_COUNTS = 0.3
-"""Below this many codes of noise the histogram holds too few codes to tell its width."""
+LEAST_SIGMA_COUNTS = 0.27
+"""Below some 0.3 codes of noise a histogram may hold two codes only, which do not tell its width. The limit
+is five standard deviations lower, so that chance does not select among windows with 0.3 codes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
