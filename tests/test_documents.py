@@ -115,3 +115,22 @@ def test_the_bench_file_of_the_readme_is_accepted() -> None:
 
     assert bench.source == "hardware"
     assert bench.limits == config.LimitsTable(cutoff_hz=(18.0e6, 20.0e6))
+
+
+def test_the_modules_that_the_architecture_names_are_there_or_planned() -> None:
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    parts = re.split(r"^(?:What is in )?`(\w+)/`", text.split("### Who imports whom")[0], flags=re.MULTILINE)[
+        1:
+    ]
+    rooms = dict(zip(parts[::2], parts[1::2], strict=True))
+    assert set(rooms) == set(ROOMS)
+
+    rows = [(room, row) for room in ROOMS for row in re.findall(r"^\| (`.*)$", rooms[room], re.MULTILINE)]
+    wrong = {
+        f"{room}/{name}"
+        for room, row in rows
+        for name in re.findall(r"`([\w/]+(?:\.py|/))`", row.split(" | ")[0])
+        if (ROOT / room / name).exists() == (row.split(" | ")[1].startswith("**planned**"))
+    }
+
+    assert wrong == set()
