@@ -142,15 +142,18 @@ class Bench:
         from belahil.generators import on_grid
 
         self._interlock(stimulus)
-        part = self.config.generator
-        on_grid(scaled(stimulus, self.setting_per_cut_volt), self.generator_model, part.load_ohm)
+        part, factor = self.config.generator, self.setting_per_cut_volt
+        played = on_grid(scaled(stimulus, factor), self.generator_model, part.load_ohm)
+        # Rounding may go up.
+        self._interlock(scaled(played, 1 / factor))
 
     def _interlock(self, stimulus: Stimulus) -> None:
         limit = self.config.generator.max_vpp
-        if 2 * largest_volts(stimulus) > limit * (1 + 1e-9):
+        # Turned round, so that what is not a number does not pass.
+        if not 2 * largest_volts(stimulus) <= limit * (1 + 1e-9):
             raise InterlockRefused(
-                f"a stimulus of up to {largest_volts(stimulus):.4g} V at the cut, offset included: "
-                f"[generator] max_vpp = {limit:g} allows {limit / 2:.4g} V"
+                f"a stimulus of up to {largest_volts(stimulus):.6g} V at the cut, offset included: "
+                f"[generator] max_vpp = {limit:g} allows {limit / 2:.6g} V"
             )
 
     def measure(self, stimulus: Stimulus, request: WindowRequest) -> Shot:

@@ -285,6 +285,11 @@ def _check_volts(amplitude_vpp: float, offset_v: float, model: GeneratorModel, l
 def _pulse_setting(
     pulse: SampledPulse, model: GeneratorModel, load_ohm: float, source: TriggerSource
 ) -> GeneratorSetting:
+    if pulse.poles:
+        raise LimitExceeded(
+            f"a pulse that has passed a filter of {len(pulse.poles)} poles: a generator plays points and "
+            "straight lines or steps between them; sample what `at` gives"
+        )
     rate = round_to_step(pulse.sample_rate_hz, 1e-6)
     if not 0 < rate <= model.max_arb_rate_hz:
         raise LimitExceeded(

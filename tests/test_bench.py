@@ -10,7 +10,14 @@ import pytest
 
 from belahil.bench import Bench
 from belahil.config import BenchConfig, BenchTable, DigitizerTable, GeneratorTable
-from belahil.errors import InterlockRefused, LimitExceeded, LinkClosed, LinkTimeout, StaleData
+from belahil.errors import (
+    InterlockRefused,
+    LimitExceeded,
+    LinkClosed,
+    LinkTimeout,
+    RefusedInput,
+    StaleData,
+)
 from belahil.generators import MODELS, GeneratorModel, on_grid
 from belahil.receiver import BELA_GRM, DigitizerSpec
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus
@@ -138,6 +145,23 @@ def test_what_is_not_allowed_is_refused_before_anything_is_sent(
         bench.measure(stimulus, request_)
     assert said in str(caught.value)
     assert recorder.calls == ["output False"]
+
+
+def test_what_rounding_would_lift_over_the_interlock_is_not_sent() -> None:
+    # given an attenuator that puts the limit between two settings of the generator
+    bench, recorder = _bench(attenuation_db=3.3333)
+    # when the limit itself is asked for, then the setting above it is refused before it is sent
+    with pytest.raises(InterlockRefused, match=r"0\.250001 V .* max_vpp = 0\.5 allows 0\.25 V"):
+        bench.measure(Sine(1e6, 0.5), WindowRequest(0))
+    assert recorder.calls == ["output False"]
+    bench.measure(Sine(1e6, 0.4999), WindowRequest(0))
+    assert "output True" in recorder.calls
+
+
+@pytest.mark.parametrize("offset_v", [float("nan"), float("inf"), float("-inf")])
+def test_no_sine_has_an_offset_that_is_no_number(offset_v: float) -> None:
+    with pytest.raises(RefusedInput, match=f"offset of {offset_v!r} V: must be finite"):
+        Sine(1e6, 0.05, offset_v)
 
 
 @pytest.mark.parametrize(

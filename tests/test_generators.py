@@ -55,6 +55,7 @@ def test_a_pulse_is_played_within_a_step_of_the_dac(
         (SampledPulse(np.ones(9), 300e6), "plays at most 2.5e+08 Sa/s"),
         (SampledPulse(np.ones(9), 1e6, -1e-6), "allows 0 to 1000 s"),
         (SampledPulse(np.ones(1_000_001), 1e6), "holds at most 1000000"),
+        (SampledPulse(np.ones(9), 1e6, poles=(-1e7 + 0j,)), "has passed a filter of 1 poles"),
     ],
 )
 def test_a_refusal_names_the_limit(stimulus: Sine | SampledPulse, said: str) -> None:
