@@ -160,7 +160,7 @@ def _read_sine(plan: GainPlan, shot: Shot, clock: Estimate | None, plans: dict[f
         played,
         fit,
         amplitude_from_rms(volts),
-        amplitude_from_peak_to_peak(volts),
+        amplitude_from_peak_to_peak(window.counts) * window.volts_per_count,
     )
 
 

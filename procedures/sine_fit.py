@@ -252,15 +252,16 @@ def amplitude_from_rms(volts: Array) -> float:
     volts : ndarray of float64, shape (n,)
         V.
     """
-    return float(math.sqrt(2) * np.std(volts))
+    centred = volts - volts.mean()
+    return math.sqrt(2 * float(centred @ centred) / volts.size)
 
 
-def amplitude_from_peak_to_peak(volts: Array) -> float:
+def amplitude_from_peak_to_peak(volts: Array | NDArray[np.int16]) -> float:
     """Return half the span, V: too large by the extremes of any noise.
 
     Parameters
     ----------
-    volts : ndarray of float64, shape (n,)
-        V.
+    volts : ndarray of float64 or int16, shape (n,)
+        V; or counts, which give the half span in counts, sooner.
     """
-    return float(np.max(volts) - np.min(volts)) / 2
+    return (float(np.max(volts)) - float(np.min(volts))) / 2
