@@ -9,7 +9,7 @@ high-pass enters by ``q = f_h**2``, which the gains determine nearly linearly an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -33,6 +33,9 @@ BIRGE_PROBABILITY = 1e-3
 """Below this chi-square probability the uncertainties are scaled by the Birge ratio (Birge 1932)."""
 IDENTIFIED = 0.2
 """Largest relative standard uncertainty of a cut-off that is still reported."""
+RIVAL = 9.0
+"""Another whole order fits as well when its chi square is larger by less than this (three standard
+deviations), times the Birge ratio."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,13 +132,32 @@ def fit_filter(
     Returns
     -------
     FilterFits
-        A status instead of numbers where the points cannot tell.
+        A status instead of numbers where the points cannot tell. Where another whole order fits as well, its
+        difference counts as uncertainty; with more than 20 % in the cut-off, that is not identified.
     """
     tell = _can_tell_highpass(frequency_hz)
     whole = {order: _fit(frequency_hz, gain, gain_u, order, tell, loss) for order in ORDERS}
     best = min(ORDERS, key=lambda order: whole[order].chi_square)
     free = _fit(frequency_hz, gain, gain_u, None, tell, loss, start_order=float(best))
-    return FilterFits(whole[best], free, {order: one.chi_square for order, one in whole.items()})
+    integer = _against_rivals(whole[best], [one for order, one in whole.items() if order != best])
+    return FilterFits(integer, free, {order: one.chi_square for order, one in whole.items()})
+
+
+def _against_rivals(best: ButterworthFit, others: list[ButterworthFit]) -> ButterworthFit:
+    if best.status != "ok":
+        return best
+    limit = best.chi_square + RIVAL * max(1.0, best.chi_square / best.freedom)
+    rivals = [one for one in others if one.chi_square < limit]
+    if not rivals:
+        return best
+    away = max(abs(one.cutoff_hz - best.cutoff_hz) for one in rivals)
+    if any(one.status != "ok" for one in rivals) or away > IDENTIFIED * best.cutoff_hz:
+        return replace(best, status="cutoff_not_identified")
+    return replace(
+        best,
+        gain_u=math.hypot(best.gain_u, max(abs(one.gain - best.gain) for one in rivals)),
+        cutoff_u_hz=math.hypot(best.cutoff_u_hz, away),
+    )
 
 
 def _can_tell_highpass(frequency_hz: NDArray[np.float64]) -> bool:

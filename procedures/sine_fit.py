@@ -236,12 +236,12 @@ def _is_constant(volts: Array) -> bool:
 def _is_lost(fit: SineFit, volts_per_count: float) -> bool:
     """Whether a sine is smaller than half a code and the noise does not dither it.
 
-    Half a code, undithered, is a square wave of one code whose first harmonic is 2 / pi. Noise of half a code
-    leaves 1.4 % of rounding error; the limit is 4 standard deviations (16064 samples) below half a code.
+    Half a code, undithered, is a square wave of one code whose first harmonic is 2 / pi. The limit of the
+    noise is half a code less what chance and rounding make of it; just above, 2 % of rounding error are left.
     """
     square = volts_per_count**2
     dither = fit.noise_rms_v**2 / square - 1 / 12
-    return fit.amplitude.value < 0.65 * volts_per_count and dither < 0.49**2
+    return fit.amplitude.value < 0.65 * volts_per_count and dither < 0.47**2
 
 
 def amplitude_from_rms(volts: Array) -> float:
