@@ -97,12 +97,14 @@ def dark_noise(windows: Sequence[RangeWindow], converters: int = 2) -> DarkNoise
     sigma, means, information = fit
     # The likelihood counts every sample as independent; coloured noise has `effective` of them.
     sigma_u = math.sqrt(count / effective / information)
+    if sigma < LEAST_SIGMA_COUNTS:
+        # Nor does it tell the means: a mean between two codes is known only by the noise that reaches both.
+        return answer("below_dither", None, None)
     offset = None
     if converters == 2:
         offset_u = math.sqrt(_line_density(density) / windows[0].sample_interval_s / 2 / count) * 2
         offset = Estimate(scale * float(means[0] - means[1]), scale * offset_u, "V")
-    status: Status = "ok" if sigma >= LEAST_SIGMA_COUNTS else "below_dither"
-    return answer(status, Estimate(scale * sigma, scale * sigma_u, "V") if status == "ok" else None, offset)
+    return answer("ok", Estimate(scale * sigma, scale * sigma_u, "V"), offset)
 
 
 def _check(windows: Sequence[RangeWindow]) -> None:

@@ -138,6 +138,7 @@ def test_a_single_converter_has_no_offset_difference() -> None:
             window(0.1 * CODE_V * np.random.default_rng(8).standard_normal(COUNT) + 0.4 * CODE_V),
             "below_dither",
         ),
+        (silent(np.random.default_rng(11), filtered_noise(), 0.16 * CODE_V, 0, 0.6 * CODE_V), "below_dither"),
         (
             window(np.clip(0.5 * np.random.default_rng(9).standard_normal(COUNT), -1, 1), saturated=700),
             "clipped",
@@ -148,6 +149,7 @@ def test_what_cannot_be_told_has_a_status_and_no_number(made: RangeWindow, statu
     one = dark_noise([made])
     assert one.status == status
     assert one.rms is None
+    assert one.offset_difference is None
     assert math.isfinite(one.rms_total.value)
 
 
