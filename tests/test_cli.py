@@ -205,7 +205,11 @@ def test_a_bug_before_there_is_a_run_leaves_its_traceback_too(
     assert not Path("run").exists()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+# Windows has no terminal that hangs up.
+SIGNALS = [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGINT)]
+
+
+@pytest.mark.parametrize("number", SIGNALS)
 def test_an_interrupt_waits_for_the_shot_and_can_be_resumed(
     capsys: Captured, monkeypatch: pytest.MonkeyPatch, closed: list[str], number: signal.Signals
 ) -> None:
@@ -243,6 +247,36 @@ def test_an_interrupt_before_the_first_shot_leaves_no_run(
     assert one_line(capsys) == "belahil: interrupted\n"
     assert closed == ["simulated"]
     assert not Path("run").exists()
+
+
+def test_no_number_of_interrupts_keeps_the_output_on(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch, closed: list[str]
+) -> None:
+    # given a user who hits Ctrl-C again and again while the bench is being closed after the last shot
+    close = Bench.close
+
+    def disturbed(self: Bench) -> None:
+        for _ in range(3):
+            os.kill(os.getpid(), signal.SIGINT)
+        close(self)
+
+    monkeypatch.setattr(Bench, "close", disturbed)
+    # when the run is interrupted, then the bench was closed first, and the run can be finished
+    assert characterize("--out", "run", "--quiet") == 130
+    assert closed == ["simulated"]
+    assert "shots are kept; continue with" in one_line(capsys)
+    monkeypatch.setattr(Bench, "close", close)
+    assert characterize("--resume", "run", "--quiet", bench=None) == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no terminal that hangs up")
+def test_a_run_under_nohup_outlives_its_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        break_after(monkeypatch, 2, lambda: os.kill(os.getpid(), signal.SIGHUP))
+        assert characterize("--out", "run", "--quiet") == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 # ---- resume

@@ -83,7 +83,7 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
     procedure = importlib.import_module(f"procedures.{job.procedure}")
     options = _options(procedure, job, {key: value for key, value in chosen.items() if value is not None})
     with ExitStack() as stack:
-        with open_bench(given.bench or "emulated", seed=given.seed) as bench:
+        with signals.closing(open_bench(given.bench or "emulated", seed=given.seed)) as bench:
             plan = procedure.plan(bench, options)
             run = Run.create(
                 folder,
@@ -118,7 +118,7 @@ def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], 
             return read_json(folder / "summary.json"), folder
         procedure = importlib.import_module(f"procedures.{job.procedure}")
         with _noted(run):
-            with open_bench(run.config) as bench:
+            with signals.closing(open_bench(run.config)) as bench:
                 plan = procedure.plan(bench, _options(procedure, job, run.begun.options))
                 run.confirm(plan.as_json(), bench.identities)
                 _measure(procedure, bench, run, plan, given)
