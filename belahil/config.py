@@ -55,7 +55,7 @@ class GeneratorTable(Strict, frozen=True):
     address: str = "emulated"
     visa_library: str = ""
     load_ohm: Positive = 50.0
-    attenuation_db: NotNegative = 0.0
+    attenuation_db: Annotated[float, Meta(ge=0, le=200)] = 0.0
     max_vpp: Positive = 0.5
     uncertainty: GeneratorUncertainty = GeneratorUncertainty()
 
@@ -274,13 +274,19 @@ def check_bench(config: BenchConfig) -> None:
                 f"{spec.name} has {len(codes)} gain codes"
             )
     for where, numbers in _floats(config):
+        table, _, key = where.rpartition(".")
         if any(math.isnan(number) for number in numbers):
-            raise ConfigError(f"{where} is not a number")
+            raise ConfigError(f"[{table}] {key} is not a number")
+        if key not in _MAY_BE_INFINITE and table != "limits" and any(map(math.isinf, numbers)):
+            raise ConfigError(f"[{table}] {key} is infinite: must be finite")
     if config.limits is not None:
         for key in config.limits.__struct_fields__:
             span = getattr(config.limits, key)
             if span is not None and not span[0] <= span[1]:
                 raise ConfigError(f"[limits] {key} = [{span[0]:g}, {span[1]:g}]: low must not exceed high")
+
+
+_MAY_BE_INFINITE = ("load_ohm", "input_ohm", "bandwidth_hz")
 
 
 def _floats(table: Any, where: str = "") -> list[tuple[str, tuple[float, ...]]]:
