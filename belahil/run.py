@@ -188,7 +188,8 @@ class Run:
             undo.callback(held.release)
             if not journal_of(folder).exists():
                 raise RefusedInput(
-                    f"--resume {folder}: the run ended before its first shot; remove the folder and begin again"
+                    f"--resume {folder}: the run ended before its first shot; "
+                    "remove the folder and begin again"
                 )
             journal = Journal(journal_of(folder), sync=sync)
             undo.callback(journal.close)
