@@ -85,8 +85,9 @@ class Telecommand:
         """
         _check(packet, cls.PACKET_ID, _TELECOMMAND)
         _, sequence, _, version, service, subtype, _ = _TELECOMMAND.unpack_from(packet)
-        if sequence >> 14 != UNSEGMENTED or version >> 4 != _PUS_C:
-            raise CorruptData("telecommand is segmented or not of PUS version 2")
+        if sequence >> 14 != UNSEGMENTED:
+            raise CorruptData(f"packet with sequence flags {sequence >> 14}, not {UNSEGMENTED}")
+        _check_version(version)
         return cls(service, subtype, sequence & 0x3FFF, packet[_TELECOMMAND.size : -_CRC_BYTES])
 
 
@@ -146,8 +147,7 @@ class Telemetry:
         """
         _check(packet, cls.PACKET_ID, _TELEMETRY)
         _, sequence, _, version, service, subtype, _, _, seconds, high, low = _TELEMETRY.unpack_from(packet)
-        if version >> 4 != _PUS_C:
-            raise CorruptData(f"telemetry of PUS version {version >> 4}, not 2")
+        _check_version(version)
         return cls(
             service,
             subtype,
@@ -175,10 +175,18 @@ def _closed(packet: bytes) -> bytes:
 
 def _check(packet: bytes, packet_id: int, head: struct.Struct) -> None:
     if not head.size + _CRC_BYTES <= len(packet) <= MAX_PACKET_BYTES:
-        raise CorruptData(f"packet of {len(packet)} octets; {head.size + _CRC_BYTES} to {MAX_PACKET_BYTES}")
+        raise CorruptData(
+            f"packet of {len(packet)} octets; allowed: {head.size + _CRC_BYTES} to {MAX_PACKET_BYTES}"
+        )
     if int.from_bytes(packet[:2], "big") != packet_id:
-        raise CorruptData(f"packet identification 0x{packet[:2].hex()}, expected 0x{packet_id:04x}")
+        raise CorruptData(f"packet with identification 0x{packet[:2].hex()}, not 0x{packet_id:04x}")
     if stated_bytes(packet) != len(packet):
-        raise CorruptData(f"packet of {len(packet)} octets states {stated_bytes(packet)}")
+        raise CorruptData(f"packet of {len(packet)} octets whose length field means {stated_bytes(packet)}")
     if crc16(packet) != 0:
-        raise CorruptData("packet fails its CRC-16")
+        due = crc16(packet[:-_CRC_BYTES])
+        raise CorruptData(f"packet with CRC-16 0x{packet[-_CRC_BYTES:].hex()}, not 0x{due:04x}")
+
+
+def _check_version(version: int) -> None:
+    if version >> 4 != _PUS_C:
+        raise CorruptData(f"packet of PUS version {version >> 4}, not {_PUS_C}")
