@@ -1,0 +1,88 @@
+"""A bench file that someone else wrote: any converter, filter and pad comes back, the same on every link."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_receivers import found, pulls
+
+from belahil.config import BenchConfig, parse_bench
+from procedures.characterize import GainOptions
+
+# Gain and noise by code follow no rule, code 7 has the least noise at the input.
+TRUTH = """
+[generator]
+address = "{address}"
+attenuation_db = {attenuation_db}
+[digitizer]
+link = "{link}"
+[emulation]
+seed = {seed}
+[emulation.receiver]
+cutoff_hz = {cutoff_hz}
+order = {order}
+highpass_hz = {highpass_hz}
+gain_by_code = [7.3, 1.1, 9.9, 1.7, 3.14159, 5.5, 2.2, 13.7, 6.0, 1.9, 8.8, 4.4, 21.1, 3.3, 11.1, 2.5]
+noise_rms_v_by_code = [
+  2.1e-3, 0.9e-3, 4e-3, 1.3e-3, 1.7e-3, 2e-3, 2.9e-3, 1.1e-3, 2e-3, 1e-3, 3e-3, 2e-3, 6.6e-3, 2e-3, 3e-3, 1e-3
+]
+adc_full_scale_v = {full_scale_v}
+adc_bits = {bits}
+clock_ppm = {clock_ppm}
+interleave = {{ gain = {gain}, offset_v = {offset_v}, skew_s = {skew_s} }}
+"""
+CODES = (1, 7, 12)
+OPTIONS = GainOptions(codes=CODES, amplitudes_vpp=(13e-3, 50e-3))
+
+
+def bench(link: str = "simulated", **truth: float) -> BenchConfig:
+    words: dict[str, object] = {
+        "attenuation_db": 7.77,
+        "seed": 20,
+        "cutoff_hz": 17.17e6,
+        "order": 3,
+        "highpass_hz": 0.0,
+        "full_scale_v": 1.9,
+        "bits": 12,
+        "clock_ppm": -33.3,
+        "gain": 0.011,
+        "offset_v": -1.7e-3,
+        "skew_s": 47e-12,
+    }
+    address = "simulated" if link == "simulated" else "emulated"
+    return parse_bench(TRUTH.format(**words | truth, address=address, link=link))
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        {"bits": 10, "full_scale_v": 1.234},
+        {"bits": 11, "full_scale_v": 3.9, "order": 5, "cutoff_hz": 9.1e6, "clock_ppm": 222.0},
+        {"bits": 14, "full_scale_v": 1.04, "order": 1, "cutoff_hz": 26e6, "highpass_hz": 17e3},
+        {"bits": 16, "full_scale_v": 4.0, "order": 6, "cutoff_hz": 25.7e6, "clock_ppm": -249.0},
+        {"attenuation_db": 19.7, "gain": 0.2, "offset_v": 0.2, "skew_s": 2e-9},
+        {"attenuation_db": 0.0, "order": 2, "cutoff_hz": 41e6, "clock_ppm": 0.0},
+    ],
+    ids=["10 bit", "11 bit", "14 bit", "16 bit", "mismatch", "beyond the generator"],
+)
+def test_odd_receivers_come_back(truth: dict[str, float]) -> None:
+    # given a hidden receiver, when three of its codes are characterized
+    config = bench(**truth)
+    outcome = found(config, OPTIONS)
+    # then order and best code are right
+    rows = outcome.results["gain_codes"]
+    order = config.emulation.receiver.order
+    assert [(row["status"], row["order"]["integer"]) for row in rows] == [("ok", order)] * len(CODES)
+    assert outcome.results["best_code"] == 7
+    # and each number is there, within 4 standard uncertainties (one in 16 000; there are some 80)
+    for name, values in pulls(config, outcome).items():
+        assert np.max(np.abs(values)) < 4, name
+        assert len(values) == (1 if name.startswith(("clock", "interleave")) else len(CODES)), name
+
+
+def test_results_are_equal_on_every_link() -> None:
+    direct, serial, usb = (
+        found(bench(link), OPTIONS).results for link in ("simulated", "emulated:serial", "emulated:usb")
+    )
+    assert serial == direct
+    assert usb == direct
