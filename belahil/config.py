@@ -103,7 +103,7 @@ class EmulatedReceiver(Strict, frozen=True):
     gain_by_code: tuple[Positive, ...] | None = None
     noise_rms_v_by_code: tuple[NotNegative, ...] | None = None
     small_signal: SmallSignal = SmallSignal()
-    adc_full_scale_v: Positive | None = None
+    adc_full_scale_v: Annotated[float, Meta(ge=1e-3, le=1e3)] | None = None  # what the GRM link allows
     adc_bits: Annotated[int, Meta(ge=2, le=16)] | None = None
     clock_ppm: Annotated[float, Meta(ge=-250, le=250)] = 0.0
     interleave: Interleave = Interleave()

@@ -70,6 +70,7 @@ def refused(capsys: Captured, words: list[str], status: int, *said: str) -> None
         ("[generator]\nmax_vpp = 'half'", ["[generator] max_vpp", "expected `float`", "got `str`"]),
         ("[bench]\nsettle_s = -1", ["[bench] settle_s", ">= 0"]),
         ("[emulation.receiver]\nadc_bits = 99", ["[emulation.receiver] adc_bits", "<= 16"]),
+        ("[emulation.receiver]\nadc_full_scale_v = 2e3", ["[emulation.receiver] adc_full_scale_v", "<= 1000"]),
         ("[generator]\naddress = 'GPIB::7'", ["both must be emulated, both simulated, or both real"]),
         ("[digitizer]\nlink = 'ftp://x'", ['link = "ftp://x" is unknown', "serial:PORT"]),
         ("max_vpp == 3", ["not valid TOML"]),
