@@ -19,6 +19,7 @@ from procedures.sine_fit import (
     amplitude_from_rms,
 )
 from procedures.sine_frequency import common_clock
+from procedures.sine_noise import Leftover, noise_beside_sines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -96,12 +97,15 @@ class WindowReadings:
         One clock error for the whole sweep; above zero the receiver's clock is fast.
     interleave : Interleave
         From all windows.
+    beside_sines : dict of (int or None) to Estimate
+        Noise of the gain codes whose dark windows have too little of it, from what the sine fits leave.
     """
 
     points: Points
     dark: dict[int | None, DarkNoise]
     clock_ppm: Estimate | None
     interleave: Interleave
+    beside_sines: dict[int | None, Estimate]
 
 
 def read_windows(plan: GainPlan, shots: Iterable[Shot]) -> WindowReadings:
@@ -125,7 +129,15 @@ def read_windows(plan: GainPlan, shots: Iterable[Shot]) -> WindowReadings:
         else:
             dark[shot.window.gain_code].append(shot.window)
     noise = {code: dark_noise(windows, plan.converters) for code, windows in dark.items()}
-    return WindowReadings(_points(plan, sines), noise, clock, _interleave([one.fit for one in sines], noise))
+    return WindowReadings(
+        _points(plan, sines),
+        noise,
+        clock,
+        _interleave([one.fit for one in sines], noise),
+        _beside_sines(
+            sines, [code for code, one in noise.items() if one.status in ("below_dither", "no_signal")]
+        ),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +146,7 @@ class _Reading:
     code: int | None
     played: Sine
     fit: SineFit
+    volts_per_count: float
     rms_v: float
     peak_v: float
 
@@ -159,6 +172,7 @@ def _read_sine(plan: GainPlan, shot: Shot, clock: Estimate | None, plans: dict[f
         window.gain_code,
         played,
         fit,
+        window.volts_per_count,
         amplitude_from_rms(volts),
         amplitude_from_peak_to_peak(window.counts) * window.volts_per_count,
     )
@@ -199,6 +213,25 @@ def _interleave(fits: list[SineFit], dark: dict[int | None, DarkNoise]) -> Inter
         weighted_mean(offsets),
         weighted_mean([one.skew for one in usable]),
     )
+
+
+def _beside_sines(sines: list[_Reading], codes: list[int | None]) -> dict[int | None, Estimate]:
+    found = {}
+    for code in codes:
+        mine = [one for one in sines if one.code == code and one.fit.usable]
+        noise = noise_beside_sines(
+            [
+                Leftover(
+                    one.fit.amplitude.value / one.volts_per_count,
+                    (one.fit.noise_rms_v / one.volts_per_count) ** 2,
+                )
+                for one in mine
+            ]
+        )
+        if noise is not None:
+            scale = mine[0].volts_per_count
+            found[code] = Estimate(scale * noise.value, scale * noise.standard_uncertainty, "V")
+    return found
 
 
 def weighted_mean(estimates: Iterable[Estimate | None]) -> Estimate | None:

@@ -156,7 +156,13 @@ def characterization(
 
 
 def best_code(results: list[CodeResult]) -> int | None:
-    """Return the gain code of least input-referred noise; None when there is none to compare."""
+    """Return the gain code of least input-referred noise; None when nobody can tell.
+
+    That is so when there is none to compare, and when the noise of a code is hidden by the converter's steps:
+    just that one may be the best.
+    """
+    if any(one.status in ("noise_below_dither", "noise_no_signal") for one in results):
+        return None
     found = [(one.input_noise.value, one.code) for one in results if one.input_noise is not None]
     return min(found)[1] if found and found[0][1] is not None else None
 
@@ -173,15 +179,16 @@ def _code_result(
     gain, cutoff, highpass, order, budget = _filter_numbers(
         fits, [(one.source, one.relative[mine]) for one in shifts], name
     )
+    noise = dark.rms or readings.beside_sines.get(code)
     input_noise = None
-    if gain is not None and dark.rms is not None and gain.value > 0:
-        ratio = dark.rms.value / gain.value
+    if gain is not None and noise is not None and gain.value > 0:
+        ratio = noise.value / gain.value
         relative = math.hypot(
-            dark.rms.standard_uncertainty / dark.rms.value, gain.standard_uncertainty / gain.value
+            noise.standard_uncertainty / noise.value, gain.standard_uncertainty / gain.value
         )
         input_noise = Estimate(ratio, ratio * relative, "V")
     status: str = "no_usable_point" if fits is None else fits.integer.status
-    if status == "ok" and dark.status != "ok":
+    if status == "ok" and noise is None:
         status = f"noise_{dark.status}"
     result = CodeResult(
         code=code,
@@ -191,7 +198,7 @@ def _code_result(
         cutoff=cutoff,
         highpass=highpass,
         order_free=order,
-        noise=dark.rms,
+        noise=noise,
         noise_total=dark.rms_total,
         input_noise=input_noise,
     )

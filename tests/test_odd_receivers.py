@@ -56,6 +56,7 @@ def bench(link: str = "simulated", **truth: float) -> BenchConfig:
 @pytest.mark.parametrize(
     "truth",
     [
+        {"bits": 8, "full_scale_v": 1.1},
         {"bits": 10, "full_scale_v": 1.234},
         {"bits": 11, "full_scale_v": 3.9, "order": 5, "cutoff_hz": 9.1e6, "clock_ppm": 222.0},
         {"bits": 14, "full_scale_v": 1.04, "order": 1, "cutoff_hz": 26e6, "highpass_hz": 17e3},
@@ -63,7 +64,7 @@ def bench(link: str = "simulated", **truth: float) -> BenchConfig:
         {"attenuation_db": 19.7, "gain": 0.2, "offset_v": 0.2, "skew_s": 2e-9},
         {"attenuation_db": 0.0, "order": 2, "cutoff_hz": 41e6, "clock_ppm": 0.0},
     ],
-    ids=["10 bit", "11 bit", "14 bit", "16 bit", "mismatch", "beyond the generator"],
+    ids=["8 bit", "10 bit", "11 bit", "14 bit", "16 bit", "mismatch", "beyond the generator"],
 )
 def test_odd_receivers_come_back(truth: dict[str, float]) -> None:
     # given a hidden receiver, when three of its codes are characterized
@@ -78,6 +79,17 @@ def test_odd_receivers_come_back(truth: dict[str, float]) -> None:
     for name, values in pulls(config, outcome).items():
         assert np.max(np.abs(values)) < 4, name
         assert len(values) == (1 if name.startswith(("clock", "interleave")) else len(CODES)), name
+
+
+def test_no_code_is_the_best_while_the_steps_of_the_converter_hide_the_noise_of_another() -> None:
+    # given steps of 62 mV beside 1 to 7 mV of noise, when the codes are characterized
+    results = found(bench(bits=6, full_scale_v=4.0), OPTIONS).results
+    # then gains are told, and the quietest code has no noise but a status
+    row = next(row for row in results["gain_codes"] if row["code"] == 7)
+    assert row["gain"] is not None
+    assert (row["noise_rms"], row["input_noise_rms"]) == (None, None)
+    assert row["status"] == "noise_no_signal"
+    assert results["best_code"] is None
 
 
 def test_results_are_equal_on_every_link() -> None:
