@@ -137,6 +137,14 @@ class Bench:
             raise LimitExceeded(
                 f"a window of {request.sample_count} samples: the receiver takes 1 to {spec.max_sample_count}"
             )
+        trigger = self._trigger_for(stimulus)
+        if trigger not in spec.triggers:
+            raise LimitExceeded(
+                f"a window of {type(stimulus).__name__} is started by trigger = {trigger}: "
+                f"the receiver has {', '.join(spec.triggers)}"
+            )
+        if request.products not in spec.products:
+            raise LimitExceeded(f"products = {request.products}: the receiver has {', '.join(spec.products)}")
 
     def _check_stimulus(self, stimulus: Stimulus) -> None:
         from belahil.generators import on_grid

@@ -10,7 +10,7 @@ from belahil.bench import setting_per_cut_volt
 from belahil.outcome import Outcome, Table
 from belahil.values import Estimate
 from procedures.gain_results import characterization
-from procedures.noise import spectrum_table
+from procedures.noise import noise_note, spectrum_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +41,7 @@ def outcome(plan: GainPlan, readings: WindowReadings, config: BenchConfig) -> Ou
         tables=_tables(found, readings),
         figures=_figures(found),
         budget=found.budget,
-        notes=_notes(found),
+        notes=_notes(found, plan.converters),
         verdict_values=_verdict_values(found),
     )
 
@@ -154,13 +154,15 @@ def _figures(found: Characterization) -> dict[str, Callable[[], Figure]]:
     }
 
 
-def _notes(found: Characterization) -> list[str]:
+def _notes(found: Characterization, converters: int) -> list[str]:
     left_out = {name: count for name, count in _counted(found).items() if name != "ok"}
+    mean = {1: "", 2: ", the mean of both converters"}.get(
+        converters, f", the mean of {converters} converters"
+    )
     notes = [
-        "Gain is from the cut to the converter, the mean of both converters; amplitudes are peak to peak at "
+        f"Gain is from the cut to the converter{mean}; amplitudes are peak to peak at "
         "the cut. Gain and cut-off come from the fit of whole order over all usable amplitudes.",
-        "noise_rms is the analog noise at the converter; quantization, converter offsets and the interleave "
-        "line are taken out. noise_rms_total is the raw value.",
+        noise_note(converters),
         "A high-pass is reported when it is larger than four of its standard uncertainties (in its square).",
         "Not modelled: drift during the sweep, harmonic distortion, a filter that is not Butterworth. The "
         "residual figure shows them.",

@@ -17,7 +17,7 @@ from belahil.errors import LimitExceeded, RefusedInput
 from belahil.outcome import Outcome, Table
 from belahil.stimuli import NoSignal
 from belahil.values import Estimate, RangeWindow, Shot, WindowRequest
-from procedures.dark_noise import DarkNoise, dark_noise
+from procedures.dark_noise import LEAST_SAMPLES, DarkNoise, dark_noise
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from belahil.bench import Bench
     from belahil.config import BenchConfig
+    from belahil.receiver import DigitizerSpec
 
 DARK_WINDOWS = 16
 
@@ -90,13 +91,13 @@ def plan(bench: Bench, options: NoiseOptions) -> NoisePlan:
     Raises
     ------
     LimitExceeded
-        A gain code that the receiver does not have.
+        A gain code that the receiver does not have, or a receiver whose windows are too short.
     """
     spec = bench.spec
     made = NoisePlan(
         codes=gain_codes(spec.gain_codes, options.codes),
         dark_windows=options.dark_windows,
-        sample_count=spec.max_sample_count,
+        sample_count=window_length(spec),
         converters=spec.converters,
     )
     check_all(bench, made.shots)
@@ -116,6 +117,22 @@ def gain_codes(known: tuple[int, ...] | None, wanted: tuple[int, ...] | None) ->
             raise LimitExceeded(f"gain codes {', '.join(map(str, wanted))}: this receiver has no gain codes")
         return (None,)
     return tuple(dict.fromkeys(known if wanted is None else wanted))
+
+
+def window_length(spec: DigitizerSpec) -> int:
+    """Return how many samples to ask for: the receiver's longest window.
+
+    Raises
+    ------
+    LimitExceeded
+        That is too short for a noise spectrum.
+    """
+    if spec.max_sample_count < LEAST_SAMPLES:
+        raise LimitExceeded(
+            f"the receiver's longest window has {spec.max_sample_count} samples: "
+            f"at least {LEAST_SAMPLES} are needed"
+        )
+    return spec.max_sample_count
 
 
 def measure(
@@ -158,8 +175,7 @@ def analyse(plan: NoisePlan, shots: Iterable[Shot], config: BenchConfig) -> Outc
         tables=_tables(found),
         figures={"noise": lambda: _figure(found)},
         notes=[
-            "noise_rms is the analog noise at the converter; quantization, converter offsets and the "
-            "interleave line are taken out. noise_rms_total is the raw value.",
+            noise_note(plan.converters),
             "Not modelled: noise that is not stationary, and lines other than the interleave line; the "
             "spectrum shows them.",
         ],
@@ -168,6 +184,19 @@ def analyse(plan: NoisePlan, shots: Iterable[Shot], config: BenchConfig) -> Outc
                 ("all" if code is None else f"code {code}", one.rms) for code, one in found.items()
             ]
         },
+    )
+
+
+def noise_note(converters: int) -> str:
+    """Say what the two noises of a receiver with so many converters are."""
+    taken_out = (
+        "quantization and the converter's offset are"
+        if converters == 1
+        else "quantization, the converters' offsets and the interleave line are"
+    )
+    return (
+        f"noise_rms is the analog noise at the converter; {taken_out} taken out. "
+        "noise_rms_total is the raw value."
     )
 
 

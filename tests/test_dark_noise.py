@@ -11,6 +11,7 @@ from belahil.errors import RefusedInput
 from belahil.pole_response import SampledNoise
 from belahil.values import RangeWindow
 from procedures.dark_noise import dark_noise
+from procedures.noise import noise_note
 
 
 def window(volts: np.ndarray, saturated: int = 0, code_v: float = CODE_V) -> RangeWindow:
@@ -127,6 +128,24 @@ def test_a_single_converter_has_no_offset_difference() -> None:
     one = dark_noise([silent(np.random.default_rng(7), filtered_noise(), 2e-3)], converters=1)
     assert one.status == "ok"
     assert one.offset_difference is None
+
+
+@pytest.mark.parametrize(("converters", "plural"), [(1, False), (2, True), (4, True)])
+def test_a_single_converter_is_not_called_several(converters: int, plural: bool) -> None:
+    assert ("converters' offsets and the interleave line are" in noise_note(converters)) == plural
+    assert ("the converter's offset are" in noise_note(converters)) != plural
+
+
+def test_noise_as_wide_as_the_span_of_16_bits_is_measured() -> None:
+    # Given counts whose differences int16 does not hold
+    counts = np.clip(np.rint(9000 * np.random.default_rng(12).standard_normal(COUNT)), -32768, 32767)
+    assert np.ptp(counts) > 40000
+    wide = RangeWindow(counts.astype(np.int16), CODE_V, 0.0, 1 / RATE_HZ, 0.0, 4, 0)
+
+    one = dark_noise([wide])
+
+    assert one.rms is not None
+    assert one.rms.value == pytest.approx(9000 * CODE_V, abs=4 * one.rms.standard_uncertainty)
 
 
 @pytest.mark.parametrize(
