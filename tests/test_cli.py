@@ -511,6 +511,58 @@ def test_show_lists_what_there_is(capsys: Captured) -> None:
     out = capsys.readouterr().out
     assert "20 dB to the cut" in out
     assert "limits: gain 5 to 6" in out
+    assert main(["bench", "show", "--bench", "lab.toml"]) == 0
+    assert capsys.readouterr().out == out
+
+
+def test_show_takes_no_preset_for_a_fact_about_an_instrument(capsys: Captured) -> None:
+    assert main(["bench", "show", "emulated"]) == 0
+    assert "receiver: bela-grm: 2 converters of 12 bit" in capsys.readouterr().out
+    Path("lab.toml").write_text('[generator]\naddress = "GPIB::7"\n[digitizer]\nlink = "serial:COM3"')
+    assert main(["bench", "show", "lab.toml"]) == 0
+    out = capsys.readouterr().out
+    assert (
+        "receiver: tells its converters when it is asked (bench check); to compare with, the preset b" in out
+    )
+
+
+@pytest.mark.parametrize("verb", ["show", "check"])
+def test_two_names_for_one_bench_are_refused(capsys: Captured, verb: str) -> None:
+    assert main(["bench", verb, "simulated", "--bench", "emulated"]) == 2
+    assert "simulated and --bench emulated: name one bench" in one_line(capsys)
+
+
+@pytest.mark.parametrize(
+    "words", [["lab.toml"], ["--bench", "lab.toml"], ["lab.toml", "--bench", "lab.toml"]]
+)
+def test_a_bench_to_be_checked_is_named_either_way(capsys: Captured, words: list[str]) -> None:
+    Path("lab.toml").write_text('[generator]\ndriver = "keysight-33600"')
+    assert main(["bench", "check", *words]) == 0
+    assert "generator: Keysight Technologies,33622A" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("row", "line"),
+    [
+        ((4, 5), "best gain code: 4 (gain 5, cut-off \u2013, input noise \u2013)"),
+        ((None, 5), "receiver without gain codes: gain 5, cut-off \u2013, input noise \u2013"),
+        ((None, None), "the receiver could not be characterized; the report says why"),
+        ((4, None), "no gain code could be characterized; the report says why"),
+    ],
+)
+def test_the_line_of_a_result_suits_its_receiver(row: tuple[int | None, int | None], line: str) -> None:
+    from belahil.cli.characterize import _lines
+
+    code, gain = row
+    found = {"code": code, "gain": gain, "cutoff": None, "input_noise_rms": None}
+    assert _lines({"gain_codes": [found], "best_code": code if gain else None}) == [line]
+
+
+def test_the_lines_of_noise_suit_their_receiver() -> None:
+    from belahil.cli.noise import _lines
+
+    rows = [{"code": None, "noise_rms": 1}, {"code": 3, "noise_rms": 2}]
+    assert _lines({"gain_codes": rows}) == ["receiver without gain codes: noise 1", "gain code 3: noise 2"]
 
 
 @pytest.mark.parametrize("link", ["simulated", "emulated:serial", "emulated:usb"])

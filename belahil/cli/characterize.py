@@ -50,10 +50,17 @@ def command(
 def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import one_text
 
-    best = next((row for row in results["gain_codes"] if row["code"] == results["best_code"]), None)
-    if best is None or results["best_code"] is None:
+    def numbers(row: dict[str, Any]) -> str:
+        return (
+            f"gain {one_text(row['gain'])}, cut-off {one_text(row['cutoff'])}, "
+            f"input noise {one_text(row['input_noise_rms'])}"
+        )
+
+    rows, best = results["gain_codes"], results["best_code"]
+    if best is not None:
+        return [f"best gain code: {best} ({numbers(row)})" for row in rows if row["code"] == best]
+    if [row["code"] for row in rows] != [None]:
         return ["no gain code could be characterized; the report says why"]
-    return [
-        f"best gain code: {best['code']} (gain {one_text(best['gain'])}, cut-off {one_text(best['cutoff'])}, "
-        f"input noise {one_text(best['input_noise_rms'])})"
-    ]
+    if rows[0]["gain"] is None:
+        return ["the receiver could not be characterized; the report says why"]
+    return [f"receiver without gain codes: {numbers(rows[0])}"]

@@ -24,4 +24,7 @@ def command(codes: tuple[int, ...] | None, dark_windows: int | None, **given: An
 def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import one_text
 
-    return [f"gain code {row['code']}: noise {one_text(row['noise_rms'])}" for row in results["gain_codes"]]
+    def name(code: int | None) -> str:
+        return "receiver without gain codes" if code is None else f"gain code {code}"
+
+    return [f"{name(row['code'])}: noise {one_text(row['noise_rms'])}" for row in results["gain_codes"]]
