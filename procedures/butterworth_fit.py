@@ -56,7 +56,7 @@ class ButterworthFit:
     ----------
     status : str
         "ok", "too_few_points" or "cutoff_not_identified"; numbers are for use with "ok" only, the gain also
-        with "cutoff_not_identified".
+        with "cutoff_not_identified" where `knows_gain` says so.
     gain, cutoff_hz, order, highpass_hz : float
         Pass-band gain (V/V), -3 dB frequencies, order; no high-pass: 0.
     gain_u, cutoff_u_hz, order_u, highpass_u_hz : float
@@ -79,6 +79,11 @@ class ButterworthFit:
     chi_square: float
     freedom: int
     _pull: NDArray[np.float64]
+
+    @property
+    def knows_gain(self) -> bool:
+        """Whether the gain may be used; the points may tell it without telling the cut-off."""
+        return self.status == "ok" or 0 < self.gain_u <= IDENTIFIED * self.gain
 
     def shape(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return gain relative to the pass band, shape of `frequency_hz`."""
@@ -144,17 +149,17 @@ def fit_filter(
 
 
 def _against_rivals(best: ButterworthFit, others: list[ButterworthFit]) -> ButterworthFit:
-    if best.status != "ok":
+    if best.status == "too_few_points" or best.freedom < 1:
         return best
     limit = best.chi_square + RIVAL * max(1.0, best.chi_square / best.freedom)
     rivals = [one for one in others if one.chi_square < limit]
     if not rivals:
         return best
     away = max(abs(one.cutoff_hz - best.cutoff_hz) for one in rivals)
-    if any(one.status != "ok" for one in rivals) or away > IDENTIFIED * best.cutoff_hz:
-        return replace(best, status="cutoff_not_identified")
+    known = all(one.status == "ok" for one in [best, *rivals]) and away <= IDENTIFIED * best.cutoff_hz
     return replace(
         best,
+        status="ok" if known else "cutoff_not_identified",
         gain_u=math.hypot(best.gain_u, max(abs(one.gain - best.gain) for one in rivals)),
         cutoff_u_hz=math.hypot(best.cutoff_u_hz, away),
     )

@@ -38,6 +38,8 @@ class CodeResult:
         With combined standard uncertainties.
     noise, noise_total, input_noise : Estimate or None
         At the converter without and with quantization and lines; referred to the cut.
+    noise_is_hidden : bool
+        The noise is too small for the steps of the converter.
     """
 
     code: int | None
@@ -50,6 +52,7 @@ class CodeResult:
     noise: Estimate | None
     noise_total: Estimate | None
     input_noise: Estimate | None
+    noise_is_hidden: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +164,7 @@ def best_code(results: list[CodeResult]) -> int | None:
     That is so when there is none to compare, and when the noise of a code is hidden by the converter's steps:
     just that one may be the best.
     """
-    if any(one.status in ("noise_below_dither", "noise_no_signal") for one in results):
+    if any(one.gain is not None and one.noise_is_hidden for one in results):
         return None
     found = [(one.input_noise.value, one.code) for one in results if one.input_noise is not None]
     return min(found)[1] if found and found[0][1] is not None else None
@@ -201,6 +204,7 @@ def _code_result(
         noise=noise,
         noise_total=dark.rms_total,
         input_noise=input_noise,
+        noise_is_hidden=noise is None and dark.status in ("below_dither", "no_signal"),
     )
     return result, budget
 
@@ -208,13 +212,15 @@ def _code_result(
 def _filter_numbers(
     fits: FilterFits | None, shifts: list[tuple[str, NDArray[np.float64]]], name: str
 ) -> tuple[Estimate | None, Estimate | None, Estimate | None, Estimate | None, list[BudgetLine]]:
-    if fits is None or fits.integer.status != "ok":
+    if fits is None or not fits.integer.knows_gain:
         return None, None, None, None, []
     whole, free = fits.integer, fits.free
     moved = [(source, whole.shifts(relative)) for source, relative in shifts]
     gain, lines = _combined(
         f"gain{name}", whole.gain, whole.gain_u, [(source, one.gain) for source, one in moved], "1"
     )
+    if whole.status != "ok":
+        return gain, None, None, None, lines
     cutoff, more = _combined(
         f"cut-off{name}",
         whole.cutoff_hz,

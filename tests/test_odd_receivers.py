@@ -81,6 +81,19 @@ def test_odd_receivers_come_back(truth: dict[str, float]) -> None:
         assert len(values) == (1 if name.startswith(("clock", "interleave")) else len(CODES)), name
 
 
+def test_gain_and_best_code_do_not_need_a_cutoff() -> None:
+    # given a receiver whose cut-off is far beyond the generator's frequencies, when it is characterized
+    config = bench(cutoff_hz=150e6)
+    outcome = found(config, OPTIONS)
+    # then no cut-off is told, and gains are right all the same
+    rows = outcome.results["gain_codes"]
+    for row in rows:
+        assert row["status"] == "cutoff_not_identified"
+        assert (row["cutoff"], row["order"]) == (None, {"free": None, "integer": None})
+    assert np.max(np.abs(pulls(config, outcome)["gain"])) < 4
+    assert outcome.results["best_code"] == 7
+
+
 def test_no_code_is_the_best_while_the_steps_of_the_converter_hide_the_noise_of_another() -> None:
     # given steps of 62 mV beside 1 to 7 mV of noise, when the codes are characterized
     results = found(bench(bits=6, full_scale_v=4.0), OPTIONS).results
