@@ -1,4 +1,7 @@
-"""Figures of a characterization, after those of Nishiyama et al., appendix C."""
+"""Figures of a characterization, after those of Nishiyama et al., appendix C.
+
+Their margins are given: to find them from the labels takes as long as to draw all three.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +23,18 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 def gain_figure(found: Characterization) -> Figure:
     """Draw gain against frequency with fits, gain and noise by code, and input noise by code."""
-    figure = Figure(figsize=(11.5, 4.0), layout="constrained")
+    figure = Figure(figsize=(11.5, 4.0))
     figure.set_label(
         "Left: gain against frequency at the shown gain code, one colour for each amplitude at the cut, with "
         "the fitted Butterworth filter (line) and the fits of all other codes scaled to the same gain "
         "(grey). Middle: gain and noise at the converter against gain code. Right: noise divided by "
         "gain; its least value marks the best code. Bars show two standard uncertainties."
     )
-    left, middle, right = figure.subplots(1, 3)
+    # Left edge and width; the middle one has a second scale at its right.
+    left, middle, right = (
+        figure.add_axes((edge, 0.125, width, 0.81))
+        for edge, width in ((0.055, 0.255), (0.365, 0.255), (0.738, 0.252))
+    )
     _gain_against_frequency(left, found)
     _gain_and_noise(middle, found)
     _input_noise(right, found)
@@ -154,13 +161,13 @@ def _input_noise(axes: Axes, found: Characterization) -> None:
 
 def estimator_figure(found: Characterization) -> Figure:
     """Draw pass-band gain against amplitude for the sine fit beside RMS and peak-to-peak estimators."""
-    figure = Figure(figsize=(6.5, 4.0), layout="constrained")
+    figure = Figure(figsize=(6.5, 4.0))
     figure.set_label(
         "Pass-band gain against amplitude at the cut, relative to the gain from the fit over all "
         "amplitudes, by three estimators from the same windows. Where only the RMS and peak-to-peak "
         "gains rise at small amplitudes, the rise belongs to the estimator and not to the receiver."
     )
-    axes = figure.subplots()
+    axes = figure.subplots(gridspec_kw={"left": 0.12, "right": 0.98, "bottom": 0.13, "top": 0.97})
     shown = _shown(found)
     rows = [] if shown is None else [row for row in found.small_signal if row.code == shown.code]
     if shown is None or shown.fit is None or not rows:
@@ -203,13 +210,13 @@ def _within(axes: Axes, value: float) -> bool:
 
 def residual_figure(found: Characterization) -> Figure:
     """Draw what the fits leave over, in standard uncertainties, for all codes and amplitudes."""
-    figure = Figure(figsize=(6.5, 3.6), layout="constrained")
+    figure = Figure(figsize=(6.5, 3.6))
     figure.set_label(
         "Residuals of all usable points from the fit of their gain code, in their statistical standard "
         "uncertainties. A pattern in frequency points to another filter shape or to the generator's "
         "flatness; a colour that stands apart points to an amplitude error."
     )
-    axes = figure.subplots()
+    axes = figure.subplots(gridspec_kw={"left": 0.1, "right": 0.985, "bottom": 0.14, "top": 0.89})
     points = found.points
     expected = np.full(points.gain.shape, np.nan)
     for one in found.codes:
