@@ -68,6 +68,20 @@ def test_a_command_of_the_readme_is_understood(words: list[str]) -> None:
     assert parsed.args == []
 
 
+@pytest.mark.parametrize("name", ["characterize", "noise"])
+def test_the_options_of_the_architecture_are_those_of_the_command(name: str) -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `--")]
+    own = re.search(rf"^`{name}` also takes (.+)$", text, re.MULTILINE)
+    assert own is not None
+
+    told = re.findall(r"--[a-z-]+", " ".join([*rows, own[1]]))
+
+    command = command_line.get_command(click.Context(command_line), name)
+    assert command is not None
+    assert sorted(told) == sorted(one for parameter in command.params for one in parameter.opts)
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_links_lead_somewhere(document: Path) -> None:
     text = document.read_text(encoding="utf-8")
