@@ -15,7 +15,15 @@ import msgspec
 
 from belahil import config as configuration
 from belahil.clock import SystemClock
-from belahil.errors import InterlockRefused, LimitExceeded, LinkClosed, LinkError, RefusedInput, StaleData
+from belahil.errors import (
+    InstrumentError,
+    InterlockRefused,
+    LimitExceeded,
+    LinkClosed,
+    LinkError,
+    RefusedInput,
+    StaleData,
+)
 from belahil.generators import SOURCE_OHM, open_circuit
 from belahil.stimuli import SampledPulse, Stimulus, TransmittedPulse, largest_volts, scaled
 from belahil.values import Shot, Trigger, WindowRequest
@@ -30,6 +38,7 @@ if TYPE_CHECKING:
 
 ATTEMPTS = 3
 READ_TIMEOUT_S = 2.0
+LEFT_ON = "the generator did not confirm that its output is off: switch it off by hand"
 
 
 @dataclass(frozen=True)
@@ -76,7 +85,7 @@ class Bench:
 
     Notes
     -----
-    Use it as a context manager: the output is off on every way out.
+    Use it as a context manager: the output is off on every way out, or the error says that it may not be.
     """
 
     def __init__(
@@ -225,10 +234,10 @@ class Bench:
         self._clock.sleep_s(self.config.bench.settle_s)
         self._played, self._prepared = played, (stimulus, trigger)
 
-    def close(self) -> None:
-        """Switch the output off and let go of both instruments."""
+    def close(self) -> bool:
+        """Switch the output off and let go of both instruments; return whether it is confirmed to be off."""
         try:
-            self._generator.close()
+            return self._generator.close()
         finally:
             self._digitizer.close()
 
@@ -238,7 +247,11 @@ class Bench:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        if self.close():
+            return
+        if error is None:
+            raise InstrumentError(LEFT_ON)
+        error.add_note(LEFT_ON)
 
 
 def setting_per_cut_volt(config: BenchConfig) -> float:

@@ -51,8 +51,14 @@ class FunctionGenerator(Protocol):
         """Start a stimulus that was prepared with ``trigger="generator"``."""
         ...
 
-    def close(self) -> None:
-        """Switch the output off and let go of the link; never raises for a dead link."""
+    def close(self) -> bool:
+        """Switch the output off and let go of the link; never raises for a dead link.
+
+        Returns
+        -------
+        bool
+            Whether the instrument confirmed that its output is off.
+        """
         ...
 
 

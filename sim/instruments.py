@@ -75,9 +75,10 @@ class SimulatedGenerator:
         if not self._plant.trigger():
             raise InstrumentRefused("trigger ignored: no stimulus waits for one", _TRIGGER_IGNORED)
 
-    def close(self) -> None:
-        """Switch the output off."""
+    def close(self) -> bool:
+        """Switch the output off, which is always confirmed."""
         self.output(False)
+        return True
 
     def _play(self, setting: GeneratorSetting) -> None:
         self._setting = setting

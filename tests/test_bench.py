@@ -8,9 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from belahil.bench import Bench
+from belahil.bench import LEFT_ON, Bench
 from belahil.config import BenchConfig, BenchTable, DigitizerTable, GeneratorTable
 from belahil.errors import (
+    InstrumentError,
     InterlockRefused,
     LimitExceeded,
     LinkClosed,
@@ -33,6 +34,7 @@ class Recorder:
         self.calls: list[str] = []
         self.failures: list[Exception] = []
         self.shot_offset = 0
+        self.confirms = True
         self._request: WindowRequest | None = None
 
     limits: GeneratorModel = MODELS["33522B"]
@@ -60,8 +62,9 @@ class Recorder:
         counts = np.zeros(self._request.sample_count, np.int16)
         return RangeWindow(counts, 1e-3, 0, 12.5e-9, 0.0, 4, self._request.shot + self.shot_offset)
 
-    def close(self) -> None:
+    def close(self) -> bool:
         self.calls.append("close")
+        return self.confirms
 
     def now_s(self) -> float:
         return 0.0
@@ -190,6 +193,18 @@ def test_the_output_is_off_on_every_way_out() -> None:
     with pytest.raises(ZeroDivisionError), bench:
         raise ZeroDivisionError
     assert recorder.calls[-2:] == ["close", "close"]
+
+
+def test_a_generator_that_does_not_confirm_its_silence_is_told_of() -> None:
+    # given a generator that cannot be reached any more
+    bench, recorder = _bench()
+    recorder.confirms = False
+    # when the bench is left, then that is an error, or a note on the one that is on its way
+    with pytest.raises(InstrumentError, match="did not confirm that its output is off"), bench:
+        pass
+    with pytest.raises(ZeroDivisionError) as caught, bench:
+        raise ZeroDivisionError
+    assert caught.value.__notes__ == [LEFT_ON]
 
 
 def test_a_request_is_not_changed_by_being_measured() -> None:

@@ -36,9 +36,9 @@ def closed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     found: list[str] = []
     close = Bench.close
 
-    def noted(self: Bench) -> None:
-        close(self)
+    def noted(self: Bench) -> bool:
         found.append(self.source)
+        return close(self)
 
     monkeypatch.setattr(Bench, "close", noted)
     return found
@@ -255,10 +255,10 @@ def test_no_number_of_interrupts_keeps_the_output_on(
     # given a user who hits Ctrl-C again and again while the bench is being closed after the last shot
     close = Bench.close
 
-    def disturbed(self: Bench) -> None:
+    def disturbed(self: Bench) -> bool:
         for _ in range(3):
             os.kill(os.getpid(), signal.SIGINT)
-        close(self)
+        return close(self)
 
     monkeypatch.setattr(Bench, "close", disturbed)
     # when the run is interrupted, then the bench was closed first, and the run can be finished

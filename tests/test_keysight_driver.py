@@ -275,12 +275,12 @@ def test_closing_never_raises_and_switches_off() -> None:
     generator.prepare(Sine(1e6, 0.05), "immediate")
     generator.output(True)
     instrument.tamper = lambda message: b"" if b"OUTP1 0" in message else message
-    generator.close()
+    assert not generator.close()
     assert instrument.port.settings[-1].output
     generator, _ = _opened(instrument := Instrument())
     generator.output(True)
-    generator.close()
-    generator.close()
+    assert generator.close()
+    assert not generator.close()  # nobody is asked any more
     assert not instrument.port.settings[-1].output
 
 

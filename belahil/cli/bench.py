@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from belahil.cli.options import version_option
+from belahil.cli.signals import closing
 
 if TYPE_CHECKING:
     from belahil.config import BenchConfig
@@ -77,9 +78,8 @@ def check(
     from belahil.cli.bench_tried import tried
     from belahil.config import load_bench
 
-    with open_bench(
-        _placed(load_bench(_one_of(file, bench) or "emulated"), address, link), seed=seed
-    ) as opened:
+    config = _placed(load_bench(_one_of(file, bench) or "emulated"), address, link)
+    with closing(open_bench(config, seed=seed)) as opened:
         for line in tried(opened):
             print(line, flush=True)
     return 0

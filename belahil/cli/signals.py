@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -75,7 +76,7 @@ def closing(bench: Bench) -> Iterator[Bench]:
         yield bench
     finally:
         left, _watch.leaving = _watch.leaving, True
-        bench.close()
+        bench.__exit__(*sys.exc_info())
         _watch.leaving = left
     check()
 
