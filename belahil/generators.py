@@ -15,6 +15,7 @@ import numpy as np
 
 from belahil.errors import LimitExceeded
 from belahil.stimuli import Interpolation, NoSignal, SampledPulse, Sine, Stimulus, TransmittedPulse
+from belahil.uncertainty import PREFIXES, prefix_power
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -251,8 +252,8 @@ def setting_for(
 def _sine_setting(sine: Sine, model: GeneratorModel, load_ohm: float) -> GeneratorSetting:
     if not model.min_sine_hz <= sine.frequency_hz <= model.max_sine_hz:
         raise LimitExceeded(
-            f"a sine of {sine.frequency_hz:.10g} Hz: {model.name} makes "
-            f"{model.min_sine_hz:g} to {model.max_sine_hz:g} Hz"
+            f"a sine of {_hertz(sine.frequency_hz)}: {model.name} makes "
+            f"{_hertz(model.min_sine_hz)} to {_hertz(model.max_sine_hz)}"
         )
     amplitude = round_amplitude(sine.amplitude_vpp, model)
     offset = round_amplitude(sine.offset_v, model)
@@ -265,6 +266,11 @@ def _sine_setting(sine: Sine, model: GeneratorModel, load_ohm: float) -> Generat
         offset_v=offset,
         load_ohm=load_ohm,
     )
+
+
+def _hertz(frequency_hz: float) -> str:
+    power = prefix_power(frequency_hz, "Hz")
+    return f"{frequency_hz / 10.0**power:.10g} {PREFIXES[power]}Hz"
 
 
 def _check_volts(amplitude_vpp: float, offset_v: float, model: GeneratorModel, load_ohm: float) -> None:

@@ -99,8 +99,8 @@ def test_a_bench_file_that_is_wrong(
     [
         (["--codes", "4,16"], ["gain code 16", "gain codes 0 to 15"]),
         (["--amplitudes-mvpp", "30,600"], ["0.3 V at the cut", "max_vpp = 0.5 allows 0.25 V"]),
-        (["--frequencies-mhz", "1,31"], ["31000000 Hz", "33522B", "3e+07 Hz"]),
-        (["--frequencies-mhz", "1e-13"], ["Hz", "33522B makes 1e-06"]),
+        (["--frequencies-mhz", "1,31"], ["a sine of 31 MHz", "33522B", "30 MHz"]),
+        (["--frequencies-mhz", "1e-13"], ["100 nHz", "33522B makes 1 µHz"]),
         (["--amplitudes-mvpp", "0.0001"], ["1e-07", "0.001"]),
     ],
 )
