@@ -506,11 +506,12 @@ def test_show_lists_what_there_is(capsys: Captured) -> None:
         "socket://",
     ):
         assert part in out
-    Path("lab.toml").write_text("[generator]\nattenuation_db = 20\n[limits]\ngain = [5, 6]")
+    limits = "[limits]\ngain = [5, 6]\ncutoff_hz = [18.5e6, 2e7]"
+    Path("lab.toml").write_text(f"[generator]\nattenuation_db = 20\n{limits}")
     assert main(["bench", "show", "lab.toml"]) == 0
     out = capsys.readouterr().out
     assert "20 dB to the cut" in out
-    assert "limits: gain 5 to 6" in out
+    assert "limits: gain 5 to 6, cutoff_hz 18.5 to 20 MHz" in out
     assert main(["bench", "show", "--bench", "lab.toml"]) == 0
     assert capsys.readouterr().out == out
 

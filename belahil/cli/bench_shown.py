@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from belahil.generators import FAMILIES, MODELS
 from belahil.receiver import RECEIVERS
+from belahil.report.tables import span_text
 from belahil.uncertainty import PREFIXES, prefix_power
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def described(config: BenchConfig) -> str:
     if limits is None:
         return "\n".join([*lines, "limits: none, so that a run has no verdict"])
     spans = {key: getattr(limits, key) for key in limits.__struct_fields__}
-    told = ", ".join(f"{key} {span[0]:g} to {span[1]:g}" for key, span in spans.items() if span is not None)
+    told = ", ".join(f"{key} {span_text(key, *span)}" for key, span in spans.items() if span is not None)
     return "\n".join([*lines, f"limits: {told}"])
 
 
