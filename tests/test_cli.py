@@ -133,7 +133,9 @@ def test_limits_decide_the_status(
     Path("bench.toml").write_text(bench + gain)
     monkeypatch.setattr("tiny_procedure.np.std", lambda volts: 0.05)  # two windows a code: a gain of 0.1
     assert characterize("--out", "run", bench="bench.toml") == status
-    assert f"verdict: {verdict}\n" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert f"verdict: {verdict}\n" in out
+    assert (f"\n{verdict}: gain (code 3, code 4)\n" in out) == (status == 1)
 
 
 def test_the_report_says_what_its_emulation_leaves_out() -> None:
@@ -547,16 +549,27 @@ def test_a_bench_to_be_checked_is_named_either_way(capsys: Captured, words: list
     [
         ((4, 5), "best gain code: 4 (gain 5, cut-off \u2013, input noise \u2013)"),
         ((None, 5), "receiver without gain codes: gain 5, cut-off \u2013, input noise \u2013"),
-        ((None, None), "the receiver could not be characterized; the report says why"),
-        ((4, None), "no gain code could be characterized; the report says why"),
+        ((None, None), "the receiver could not be characterized: too_few_points"),
+        ((4, None), "no gain code could be characterized: too_few_points at code 4"),
     ],
 )
 def test_the_line_of_a_result_suits_its_receiver(row: tuple[int | None, int | None], line: str) -> None:
     from belahil.cli.characterize import _lines
 
     code, gain = row
-    found = {"code": code, "gain": gain, "cutoff": None, "input_noise_rms": None}
+    status = "ok" if gain else "too_few_points"
+    found = {"code": code, "gain": gain, "cutoff": None, "input_noise_rms": None, "status": status}
     assert _lines({"gain_codes": [found], "best_code": code if gain else None}) == [line]
+
+
+def test_the_line_without_a_best_code_says_which_codes_are_in_its_way() -> None:
+    from belahil.cli.characterize import _lines
+
+    statuses = ("noise_no_signal", "noise_no_signal", "ok", "too_few_points")
+    rows = [{"code": code, "gain": 5, "status": status} for code, status in enumerate(statuses)]
+    assert _lines({"gain_codes": rows, "best_code": None}) == [
+        "no best gain code: noise_no_signal at code 0, 1; too_few_points at code 3"
+    ]
 
 
 def test_the_lines_of_noise_suit_their_receiver() -> None:

@@ -67,10 +67,24 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any]) -> int:
     if given.json:
         sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
     elif not given.quiet:
-        for line in [*job.lines(summary["results"]), f"verdict: {summary['verdict']}"]:
+        for line in job.lines(summary["results"]):
             print(line)
+        if summary["verdict"] not in ("pass", "none"):
+            print(*_not_passed(folder), sep="\n")
+        print(f"verdict: {summary['verdict']}")
         print(f"report: {folder / 'report.html'}")
     return 0 if summary["verdict"] in ("pass", "none") else 1
+
+
+def _not_passed(folder: Path) -> list[str]:
+    """Tell each limit that failed or is undecided, and for which values."""
+    from belahil.run_folder import read_json
+
+    found: dict[str, list[str]] = {}
+    for check in read_json(folder / "report.json")["checks"]:
+        if check["decision"] != "pass":
+            found.setdefault(f"{check['decision']}: {check['limit']}", []).append(check["label"])
+    return [f"{limit} ({', '.join(labels)})" for limit, labels in found.items()]
 
 
 def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[dict[str, Any], Path]:
