@@ -15,6 +15,8 @@ import pytest
 
 from belahil import config
 from belahil.cli.main import belahil as command_line
+from belahil.cli.main import main
+from procedures import characterize, noise
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("belahil", "drivers", "sim", "procedures")
@@ -80,6 +82,18 @@ def test_the_options_of_the_architecture_are_those_of_the_command(name: str) -> 
     command = command_line.get_command(click.Context(command_line), name)
     assert command is not None
     assert sorted(told) == sorted(one for parameter in command.params for one in parameter.opts)
+
+
+def test_the_help_tells_the_defaults(capsys: pytest.CaptureFixture[str]) -> None:
+    def told(command: str) -> str:
+        assert main([command, "--help"]) == 0
+        return " ".join(capsys.readouterr().out.split())
+
+    amplitudes = ",".join(f"{1e3 * volts:g}" for volts in characterize.AMPLITUDES_VPP)
+    assert f"peak to peak; {amplitudes} when left out" in told("characterize")
+    assert f"{characterize.FREQUENCY_COUNT} up to 38 MHz" in told("characterize")
+    assert f"for each code; {characterize.DARK_WINDOWS} when left out" in told("characterize")
+    assert f"for each code; {noise.DARK_WINDOWS} when left out" in told("noise")
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)

@@ -20,7 +20,7 @@ def command() -> None:
     """Bench files and benches."""
 
 
-@command.command("new")
+@command.command("new", short_help="Write a bench file with every key.")
 @click.argument("file", type=click.Path(path_type=Path), default=Path("bench.toml"))
 @click.option("--driver", default="keysight-33500", show_default=True, help="Driver of the generator.")
 @click.option("--address", default="emulated", show_default=True, help="Generator: a VISA resource name.")
@@ -47,7 +47,7 @@ def new(file: Path, driver: str, address: str, link: str | None, receiver: str) 
     return 0
 
 
-@command.command("show")
+@command.command("show", short_help="List drivers, receivers and links, or say what a bench is.")
 @click.argument("file", required=False, metavar="[FILE|emulated|simulated]")
 @click.option("--bench", metavar="FILE|emulated|simulated", help="The same as FILE.")
 def show(file: str | None, bench: str | None) -> int:
@@ -60,12 +60,17 @@ def show(file: str | None, bench: str | None) -> int:
     return 0
 
 
-@command.command("check")
+@command.command("check", short_help="Do the instruments answer?")
 @click.argument("file", required=False, metavar="[FILE|emulated|simulated]")
 @click.option("--bench", metavar="FILE|emulated|simulated", help="The same as FILE.")
 @click.option("--address", help="Generator, in place of the bench file's.")
 @click.option("--link", help="Digitizer, in place of the bench file's.")
-@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Goes before [emulation] seed.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Seed of the emulation, in place of [emulation] seed.",
+)
 def check(
     file: str | None, bench: str | None, address: str | None, link: str | None, seed: int | None
 ) -> int:
