@@ -165,11 +165,11 @@ class Bench:
         self._interlock(scaled(played, 1 / factor))
 
     def _interlock(self, stimulus: Stimulus) -> None:
-        limit = self.config.generator.max_vpp
+        limit, peak = self.config.generator.max_vpp, largest_volts(stimulus)
         # Turned round, so that what is not a number does not pass.
-        if not 2 * largest_volts(stimulus) <= limit * (1 + 1e-9):
+        if not 2 * peak <= limit * (1 + 1e-9):
             raise InterlockRefused(
-                f"a stimulus of up to {largest_volts(stimulus):.6g} V at the cut, offset included: "
+                f"a stimulus of up to {peak:.6g} V at the cut, offset included ({2 * peak:.6g} Vpp): "
                 f"[generator] max_vpp = {limit:g} allows {limit / 2:.6g} V"
             )
 

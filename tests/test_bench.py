@@ -129,7 +129,7 @@ def test_a_window_of_another_shot_is_never_returned() -> None:
     ("stimulus", "request_", "error", "said"),
     [
         (Sine(1e6, 0.4, 0.1), WindowRequest(0), InterlockRefused, "max_vpp = 0.5 allows 0.25 V"),
-        (Sine(1e6, 0.6), WindowRequest(0), InterlockRefused, "up to 0.3 V at the cut"),
+        (Sine(1e6, 0.6), WindowRequest(0), InterlockRefused, "(0.6 Vpp): [generator] max_vpp = 0.5"),
         (Sine(40e6, 0.1), WindowRequest(0), LimitExceeded, "33522B makes"),
         (
             NoSignal(),
