@@ -145,6 +145,12 @@ def test_the_report_says_what_its_emulation_leaves_out() -> None:
     assert "What this simulated bench does not model" in Path("run/report.html").read_text()
 
 
+def test_the_report_tells_the_options_in_words() -> None:
+    assert characterize("--amplitudes-mvpp", "3,200", "--out", "run") == 0
+    told = json.loads(Path("run/report.json").read_text())
+    assert told["conditions"]["options"].startswith("codes: default; amplitudes_vpp: 0.003, 0.2; frequenc")
+
+
 # ---- what goes wrong
 
 
