@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections import Counter
@@ -240,3 +241,16 @@ def test_the_emulated_bench_opens_and_measures_without_scipy_signal() -> None:
     loaded = set(done.stdout.split())
     assert "scipy.linalg" in loaded
     assert not loaded & {"scipy.signal", "scipy.stats", "scipy.optimize", "matplotlib"}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_the_benchmark_runs_and_the_whole_command_stays_below_500_mb(tmp_path: Path) -> None:
+    numbers = tmp_path / "numbers.json"
+    command = [sys.executable, "benchmarks/campaign.py", "--repeats", "1", "--json", str(numbers)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    told = json.loads(numbers.read_text())
+    assert f"all numbers: {numbers}" in done.stdout
+    assert {one["windows"] for one in told["median"].values()} == {16 * (5 * 24 + 4)}
+    if told["memory_mb"] is not None:  # not told on Windows
+        assert 20 < told["memory_mb"] < 500
