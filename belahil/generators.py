@@ -225,6 +225,9 @@ def setting_for(
 ) -> GeneratorSetting:
     """Turn a stimulus into the settings that play it, output on.
 
+    A burst rests at the first point of its waveform. A pulse that begins with a jump is therefore played with
+    a zero one interval before it; with linear interpolation that makes the jump a ramp over this interval.
+
     Parameters
     ----------
     stimulus : Stimulus
@@ -239,7 +242,7 @@ def setting_for(
     Raises
     ------
     LimitExceeded
-        The model cannot make it.
+        The model cannot make it; or a pulse begins with a jump less than one interval after its trigger.
     """
     if isinstance(stimulus, Sine):
         return _sine_setting(stimulus, model, load_ohm)
@@ -302,25 +305,34 @@ def _pulse_setting(
             f"an arbitrary waveform at {rate:.10g} Sa/s: {model.name} plays "
             f"at most {model.max_arb_rate_hz:g} Sa/s"
         )
-    delay = round_to_step(pulse.start_s, model.delay_step_s)
-    if not 0 <= delay <= model.max_delay_s:
-        raise LimitExceeded(
-            f"a pulse that starts {pulse.start_s:g} s after its trigger: {model.name} "
-            f"allows 0 to {model.max_delay_s:g} s"
-        )
     volts = pulse.volts if pulse.volts[-1] == 0 else np.append(pulse.volts, 0.0)
-    volts = np.pad(volts, (0, max(0, model.min_points - volts.size)))
-    if volts.size > model.max_points:
-        raise LimitExceeded(
-            f"an arbitrary waveform of {volts.size} points: {model.name} holds at most {model.max_points}"
-        )
     peak = float(np.max(np.abs(volts)))
     amplitude = max(
         round_amplitude(2 * peak, model, up=True) if peak else 0.0,
         round_amplitude(model.min_amplitude_vpp * per_50_ohm(load_ohm), model, up=True),
     )
     _check_volts(amplitude, 0.0, model, load_ohm)
-    block = ArbBlock(dac_codes(volts * (2 / amplitude), model.dac_bits), rate, pulse.interpolation)
+    codes = dac_codes(volts * (2 / amplitude), model.dac_bits)
+    # A burst rests at the first point of its waveform, so that point must be zero.
+    jumps = int(codes[0] != 0)
+    delay = round_to_step(pulse.start_s - jumps / rate, model.delay_step_s) + 0.0
+    if jumps and pulse.start_s >= 0 > delay:
+        raise LimitExceeded(
+            f"a pulse that begins with a jump to {pulse.volts[0]:.4g} V at start_s = {pulse.start_s:g}: "
+            f"{model.name} rests at the first point, so a zero goes before it; allowed: start_s of at least "
+            f"one interval, {1 / rate:.4g} s"
+        )
+    if not 0 <= delay <= model.max_delay_s:
+        raise LimitExceeded(
+            f"a pulse that starts {pulse.start_s:g} s after its trigger: {model.name} "
+            f"allows 0 to {model.max_delay_s:g} s"
+        )
+    codes = np.pad(codes, (jumps, max(0, model.min_points - jumps - codes.size)))
+    if codes.size > model.max_points:
+        raise LimitExceeded(
+            f"an arbitrary waveform of {codes.size} points: {model.name} holds at most {model.max_points}"
+        )
+    block = ArbBlock(codes, rate, pulse.interpolation)
     return GeneratorSetting(
         output=True,
         function="ARB",

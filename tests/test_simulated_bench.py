@@ -61,7 +61,7 @@ STIMULI: tuple[Stimulus, ...] = (
     Sine(1.25e6, 0.03),
     Sine(21.7e6, 0.2, 0.01),
     SampledPulse(np.hanning(60) * 0.1, 93e6, 200e-9),
-    SampledPulse(np.array([0.02, 0.1, -0.07]), 20e6, 0.0, "hold"),
+    SampledPulse(np.array([0.02, 0.1, -0.07]), 20e6, 50e-9, "hold"),
 )
 
 
@@ -156,7 +156,7 @@ def test_a_seed_is_another_bench_and_a_shot_is_not_its_history() -> None:
             InstrumentRefused,
             "no laser transmitter",
         ),
-        (SampledPulse(np.ones(9) * 0.1, 150e6), WindowRequest(0, 4), InstrumentRefused, ""),
+        (SampledPulse(np.ones(9) * 0.1, 150e6, 7e-9), WindowRequest(0, 4), InstrumentRefused, ""),
     ],
 )
 @pytest.mark.parametrize("link", LINKS)
