@@ -22,6 +22,9 @@ Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Span = tuple[float, float]
 
+LOAD_OHM = (1.0, 10e3)
+"""Load settings of the 33500 and 33600 families beside high impedance (their public manuals)."""
+
 
 class Strict(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=False):
     """A table that accepts only the keys it names."""
@@ -253,6 +256,11 @@ def check_bench(config: BenchConfig) -> None:
     if config.generator.driver not in FAMILIES:
         raise ConfigError(
             f'[generator] driver = "{config.generator.driver}" is unknown; allowed: {", ".join(FAMILIES)}'
+        )
+    load_ohm = config.generator.load_ohm
+    if not (LOAD_OHM[0] <= load_ohm <= LOAD_OHM[1] or math.isinf(load_ohm) or math.isnan(load_ohm)):
+        raise ConfigError(
+            f"[generator] load_ohm = {load_ohm:g}: allowed: {LOAD_OHM[0]:g} to {LOAD_OHM[1]:g} ohm, or inf"
         )
     if config.digitizer.driver != "grm":
         raise ConfigError(f'[digitizer] driver = "{config.digitizer.driver}" is unknown; allowed: grm')

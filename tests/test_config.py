@@ -51,6 +51,8 @@ cutoff_hz = [18e6, 20e6]
         ("[emulation.receiver.interleave]\nz = 1", "unknown key `z`; allowed: gain, offset_v, skew_s"),
         ("nope = 1", "unknown key `nope`; allowed: bench, generator"),
         ("[generator]\nload_ohm = 'a'", "[generator] load_ohm: expected `float`, got `str`"),
+        ("[generator]\nload_ohm = 0.5", "[generator] load_ohm = 0.5: allowed: 1 to 10000 ohm, or inf"),
+        ("[generator]\nload_ohm = 10001", "[generator] load_ohm = 10001: allowed: 1 to 10000 ohm, or inf"),
         ("[emulation.receiver]\norder = 9", "order: expected `int` <= 6"),
         ("[emulation.receiver]\ngain_by_code = [1, 2]", "gain_by_code has 2 numbers; bela-grm has 16"),
         ("[emulation.generator]\nflatness = nan", "[emulation.generator] flatness is not a number"),
