@@ -95,6 +95,7 @@ def telemetry(answer: Answer, sequence_count: int, time_s: float = 0.0) -> Telem
     """Return the packet of an answer."""
     grouping = UNSEGMENTED
     service = RECEIVER_SERVICE
+    head = _REQUEST_ID.pack(answer.request_id)
     match answer:
         case Acknowledge():
             service, subtype, data = VERIFICATION_SERVICE, 1, b""
@@ -106,12 +107,11 @@ def telemetry(answer: Answer, sequence_count: int, time_s: float = 0.0) -> Telem
             subtype, data = 130, pack_spec(spec)
         case WindowSegment():
             subtype, grouping = 131, answer.grouping
-            head = _SEGMENT.pack(answer.shot, answer.index, answer.count, answer.payload_crc32)
-            data = head + answer.payload
+            head += _SEGMENT.pack(answer.shot, answer.index, answer.count, answer.payload_crc32)
+            data = answer.payload
         case HousekeepingReport(_, values):
             subtype, data = 132, pack_named_values(values)
-    whole = _REQUEST_ID.pack(answer.request_id) + data
-    return Telemetry(service, subtype, sequence_count, whole, grouping, time_s)
+    return Telemetry(service, subtype, sequence_count, head + data, grouping, time_s)
 
 
 def _octets(text: str) -> bytes:

@@ -33,7 +33,7 @@ def framed(packet: bytes, framing: Framing) -> bytes:
         On a serial line: consistent overhead byte stuffing (Cheshire and Baker 1999) between two zero
         bytes, so that damage to any one byte costs one packet. On USB: the packet itself.
     """
-    return b"\0" + cobs.encode(packet) + b"\0" if framing == "cobs" else packet
+    return b"".join((b"\0", cobs.encode(packet), b"\0")) if framing == "cobs" else packet
 
 
 class PacketStream(Protocol[P]):
@@ -93,8 +93,10 @@ class _CobsStream(_Held, Generic[P]):
         packets = []
         start = 0
         while (stop := data.find(0, start)) >= 0:
-            frame = bytes(self._held) + data[start:stop]
-            self._held.clear()
+            frame = data[start:stop]
+            if self._held:
+                frame = bytes(self._held) + frame
+                self._held.clear()
             start = stop + 1
             if frame:
                 packets += self._unstuffed(frame)

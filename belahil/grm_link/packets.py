@@ -30,9 +30,17 @@ TELEMETRY_OVERHEAD_BYTES = _TELEMETRY.size + _CRC_BYTES
 STATED_WITHIN = _PRIMARY.size
 
 
-def crc16(data: bytes) -> int:
-    """CRC-16/IBM-3740: polynomial 0x1021, start 0xFFFF, not reflected; 0 over data and its own CRC."""
-    return crc_hqx(data, 0xFFFF)
+def crc16(data: bytes, before: int = 0xFFFF) -> int:
+    """CRC-16/IBM-3740: polynomial 0x1021, start 0xFFFF, not reflected; 0 over data and its own CRC.
+
+    Parameters
+    ----------
+    data : bytes
+        What is summed up.
+    before : int
+        CRC of what comes before it.
+    """
+    return crc_hqx(data, before)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +80,7 @@ class Telecommand:
             self.subtype,
             0,
         )
-        return _closed(head + self.data)
+        return _closed(head, self.data)
 
     @classmethod
     def unpack(cls, packet: bytes) -> Telecommand:
@@ -134,7 +142,7 @@ class Telemetry:
             fraction >> 8,
             fraction & 0xFF,
         )
-        return _closed(head + self.data)
+        return _closed(head, self.data)
 
     @classmethod
     def unpack(cls, packet: bytes) -> Telemetry:
@@ -167,10 +175,12 @@ def _data_length(head: struct.Struct, data: bytes) -> int:
     return head.size + len(data) + _CRC_BYTES - _PRIMARY.size - 1
 
 
-def _closed(packet: bytes) -> bytes:
-    if len(packet) + _CRC_BYTES > MAX_PACKET_BYTES:
-        raise ValueError(f"a packet of {len(packet) + _CRC_BYTES} octets; at most {MAX_PACKET_BYTES}")
-    return packet + crc16(packet).to_bytes(_CRC_BYTES, "big")
+def _closed(head: bytes, data: bytes) -> bytes:
+    size = len(head) + len(data) + _CRC_BYTES
+    if size > MAX_PACKET_BYTES:
+        raise ValueError(f"a packet of {size} octets; at most {MAX_PACKET_BYTES}")
+    checksum = crc16(data, crc16(head))
+    return b"".join((head, data, checksum.to_bytes(_CRC_BYTES, "big")))
 
 
 def _check(packet: bytes, packet_id: int, head: struct.Struct) -> None:

@@ -62,7 +62,7 @@ def pack_window(window: RangeWindow) -> bytes:
     except struct.error as error:
         raise ValueError(f"window of shot {window.shot}: {error}") from error
     counts = (window.counts.view(np.uint16) ^ _OFFSET).astype(">u2").tobytes()
-    return head + counts + candidates + pack_named_values(window.housekeeping)
+    return b"".join((head, counts, candidates, pack_named_values(window.housekeeping)))
 
 
 def _candidate(found: Candidate) -> bytes:
@@ -113,7 +113,9 @@ def unpack_window(payload: bytes) -> RangeWindow:
 
 
 def _read_counts(octets: bytes) -> NDArray[np.int16]:
-    counts = (np.frombuffer(octets, dtype=">u2").astype(np.uint16) ^ _OFFSET).view(np.int16)
+    sent = np.frombuffer(octets, dtype=">u2").astype(np.uint16)
+    sent ^= _OFFSET
+    counts = sent.view(np.int16)
     counts.flags.writeable = False
     return counts
 
