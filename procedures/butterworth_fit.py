@@ -148,6 +148,13 @@ def fit_filter(
     return FilterFits(integer, free, {order: one.chi_square for order, one in whole.items()})
 
 
+def fit_order(
+    frequency_hz: NDArray[np.float64], gain: NDArray[np.float64], gain_u: NDArray[np.float64], order: int
+) -> ButterworthFit:
+    """Fit a filter of given whole order; otherwise as `fit_filter`."""
+    return _fit(frequency_hz, gain, gain_u, order, _can_tell_highpass(frequency_hz), "linear")
+
+
 def _against_rivals(best: ButterworthFit, others: list[ButterworthFit]) -> ButterworthFit:
     if best.status == "too_few_points" or best.freedom < 1:
         return best

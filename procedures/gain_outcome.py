@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from belahil.bench import setting_per_cut_volt
+from belahil.config import GeneratorUncertainty
 from belahil.outcome import Outcome, Table
 from belahil.values import Estimate
 from procedures.gain_results import characterization
@@ -18,7 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from belahil.config import BenchConfig
+    from procedures.butterworth_fit import ButterworthFit
     from procedures.characterize import GainPlan
+    from procedures.gain_amplitudes import Linearity
     from procedures.gain_points import WindowReadings
     from procedures.gain_results import Characterization, CodeResult
 
@@ -41,7 +44,7 @@ def outcome(plan: GainPlan, readings: WindowReadings, config: BenchConfig) -> Ou
         tables=_tables(found, readings),
         figures=_figures(found),
         budget=found.budget,
-        notes=_notes(found, plan.converters),
+        notes=_notes(found, plan.converters, config.generator.uncertainty),
         verdict_values=_verdict_values(found),
     )
 
@@ -88,8 +91,16 @@ def _code_json(one: CodeResult) -> dict[str, Any]:
         "noise_rms": _json(one.noise),
         "noise_rms_total": _json(one.noise_total),
         "input_noise_rms": _json(one.input_noise),
+        "fit": _chi_square(one.fit),
+        "linearity": _chi_square(one.linearity),
         "status": one.status,
     }
+
+
+def _chi_square(tested: ButterworthFit | Linearity | None) -> dict[str, Any] | None:
+    if tested is None or tested.freedom < 1:
+        return None
+    return {"chi_square": tested.chi_square, "degrees_of_freedom": tested.freedom}
 
 
 def _counted(found: Characterization) -> dict[str, int]:
@@ -154,7 +165,7 @@ def _figures(found: Characterization) -> dict[str, Callable[[], Figure]]:
     }
 
 
-def _notes(found: Characterization, converters: int) -> list[str]:
+def _notes(found: Characterization, converters: int, declared: GeneratorUncertainty) -> list[str]:
     left_out = {name: count for name, count in _counted(found).items() if name != "ok"}
     mean = {1: "", 2: ", the mean of both converters"}.get(
         converters, f", the mean of {converters} converters"
@@ -167,6 +178,21 @@ def _notes(found: Characterization, converters: int) -> list[str]:
         "Not modelled: drift during the sweep, harmonic distortion, a filter that is not Butterworth. The "
         "residual figure shows them.",
     ]
+    if found.clock_ppm is not None:
+        notes.append("The clock error is relative to the generator's own reference, whose error is in it.")
+    if declared == GeneratorUncertainty():
+        notes.append(
+            "No generator uncertainty is declared ([generator] uncertainty): the uncertainties hold for the "
+            "scatter only."
+        )
+    bent = [one for one in found.codes if one.linearity is not None and not one.linearity.is_linear]
+    if bent:
+        codes = ", ".join(str(one.code) for one in bent if one.code is not None)
+        notes.append(
+            f"The receiver or the generator is not linear{codes and f' at gain code {codes}'}: gains at "
+            "different amplitudes differ by more than chance and declared errors explain. The difference is "
+            "in the uncertainties of gain and cut-off."
+        )
     if left_out:
         listed = ", ".join(f"{count} {name}" for name, count in left_out.items())
         notes.append(f"Windows left out of the fits: {listed}.")

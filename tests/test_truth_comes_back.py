@@ -19,7 +19,7 @@ from belahil.config import (
     SmallSignal,
     simulated,
 )
-from procedures.characterize import GainOptions
+from procedures.characterize import AMPLITUDES_VPP, GainOptions
 
 
 def _check(numbers: range, codes: tuple[int, ...] | None, least_pulls: int) -> None:
@@ -148,6 +148,69 @@ def test_the_receiver_or_the_estimator_deviates_at_small_amplitudes() -> None:
     small, large = rows(SmallSignal(deadband_v=0.1e-3))
     assert relative(small) < 0.93
     assert relative(large) > 0.99
+
+
+@pytest.mark.parametrize("amplitudes_vpp", [AMPLITUDES_VPP, (50e-3, 200e-3), (13e-3, 50e-3)])
+def test_a_receiver_that_compresses_keeps_its_small_signal_truth_inside_the_uncertainty(
+    amplitudes_vpp: tuple[float, ...],
+) -> None:
+    # given a receiver whose gain is 3.75 % low at 200 mVpp (3/4 of 5 times 0.1 V squared)
+    receiver = EmulatedReceiver(small_signal=SmallSignal(cubic_per_v2=-5.0))
+    config = msgspec.structs.replace(simulated(), emulation=EmulationTable(receiver=receiver))
+    # when it is characterized
+    outcome = found(config, GainOptions(codes=(4,), amplitudes_vpp=amplitudes_vpp))
+    # then gain and cut-off for small signals lie within three standard uncertainties, and the reason is told
+    (one,) = outcome.results["gain_codes"]
+    assert (one["status"], one["order"]["integer"]) == ("ok", 3)
+    for name, true in (("gain", 5.19), ("cutoff", 19e6)):
+        assert abs(one[name]["value"] - true) < 3 * one[name]["standard_uncertainty"]
+        assert one[name]["standard_uncertainty"] < 0.03 * true
+    assert one["linearity"]["chi_square"] > 200
+    assert one["linearity"]["degrees_of_freedom"] == len(amplitudes_vpp) - 1
+    sources = [(line.quantity, line.source) for line in outcome.budget if "between" in line.source]
+    assert sources == [(f"{name}, code 4", "difference between amplitudes") for name in ("gain", "cut-off")]
+    assert any("is not linear at gain code 4: gains at" in note for note in outcome.notes)
+
+
+def test_a_linear_receiver_has_no_difference_between_amplitudes() -> None:
+    for seed in (1, 2, 3):
+        config = msgspec.structs.replace(simulated(), emulation=EmulationTable(seed=seed))
+        outcome = found(config, GainOptions(codes=(4,)))
+        (one,) = outcome.results["gain_codes"]
+        # 18.5 of 4 degrees of freedom is probability 1e-3
+        assert 0 < one["linearity"]["chi_square"] < 18.5
+        assert one["linearity"]["degrees_of_freedom"] == 4
+        assert one["fit"]["degrees_of_freedom"] == 5 * 24 - 3
+        assert {line.source for line in outcome.budget} == {"scatter of the points"}
+        assert not any("not linear" in note for note in outcome.notes)
+
+
+def test_a_difference_that_the_generator_may_make_is_not_laid_on_the_receiver() -> None:
+    # given the same compression, and a generator whose amplitudes are declared no better than that
+    receiver = EmulatedReceiver(small_signal=SmallSignal(cubic_per_v2=-5.0))
+    declared = GeneratorUncertainty(amplitude_relative=0.02)
+    config = msgspec.structs.replace(
+        simulated(),
+        generator=GeneratorTable(address="simulated", uncertainty=declared),
+        emulation=EmulationTable(receiver=receiver),
+    )
+    outcome = found(config, GainOptions(codes=(4,)))
+    # then nothing is added, and the truth is inside all the same
+    (one,) = outcome.results["gain_codes"]
+    assert not any("between" in line.source for line in outcome.budget)
+    assert abs(one["gain"]["value"] - 5.19) < 3 * one["gain"]["standard_uncertainty"]
+
+
+def test_notes_say_what_the_uncertainties_leave_out() -> None:
+    sweep = GainOptions(codes=(4,), amplitudes_vpp=(50e-3,), frequencies_hz=(1e6, 5e6, 15e6, 20e6, 29e6))
+    declared = msgspec.structs.replace(
+        simulated(),
+        generator=GeneratorTable(address="simulated", uncertainty=GeneratorUncertainty(attenuation_db=0.1)),
+    )
+    for config, silent in ((simulated(), True), (declared, False)):
+        notes = found(config, sweep).notes
+        assert any("the uncertainties hold for the scatter only" in note for note in notes) == silent
+        assert any("relative to the generator's own reference" in note for note in notes)
 
 
 def test_codes_are_all_measured_by_default() -> None:
