@@ -72,8 +72,8 @@ class GainPlan:
         Gain codes; a single None for a receiver without them.
     amplitudes_vpp, frequencies_hz : tuple of float
         Volts at the cut, Hz.
-    dark_windows, sample_count, converters : int
-        Windows a code, samples a window, interleaved converters.
+    dark_windows, sample_count, converters, bits : int
+        Windows a code, samples a window, interleaved converters and their resolution.
     """
 
     codes: tuple[int | None, ...]
@@ -82,6 +82,7 @@ class GainPlan:
     dark_windows: int
     sample_count: int
     converters: int
+    bits: int
 
     @property
     def shots(self) -> tuple[PlannedShot, ...]:
@@ -128,6 +129,7 @@ def plan(bench: Bench, options: GainOptions) -> GainPlan:
         dark_windows=options.dark_windows,
         sample_count=sample_count,
         converters=spec.converters,
+        bits=spec.bits,
     )
     check_all(bench, made.shots)
     return made

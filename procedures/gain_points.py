@@ -11,6 +11,7 @@ import numpy as np
 
 from belahil.stimuli import Sine
 from belahil.values import Estimate, RangeWindow, Shot
+from procedures.clipping import with_clipping
 from procedures.dark_noise import DarkNoise, dark_noise
 from procedures.sine_fit import (
     SineFit,
@@ -123,7 +124,7 @@ def read_windows(plan: GainPlan, shots: Iterable[Shot]) -> WindowReadings:
     dark: dict[int | None, list[RangeWindow]] = {code: [] for code in plan.codes}
     sines = []
     plans: dict[float, SinePlan] = {}
-    for shot in kept:
+    for shot in (with_clipping(one, plan.bits) for one in kept):
         if isinstance(shot.played, Sine):
             sines.append(_read_sine(plan, shot, clock, plans))
         else:
@@ -262,7 +263,8 @@ def _clock_strength(shot: Shot) -> float:
 
 def _clock(plan: GainPlan, shots: Iterable[Shot]) -> Estimate | None:
     """Return the clock error in ppm from the records that tell most of it; None when there is none."""
-    strongest = nlargest(CLOCK_RECORDS, (one for one in shots if _shows_a_sine(one)), key=_clock_strength)
+    whole = (one for one in shots if _shows_a_sine(with_clipping(one, plan.bits)))
+    strongest = nlargest(CLOCK_RECORDS, whole, key=_clock_strength)
     records = sorted(strongest, key=lambda one: one.window.shot)
     if not records:
         return None

@@ -17,6 +17,7 @@ from belahil.errors import LimitExceeded, RefusedInput
 from belahil.outcome import Outcome, Table
 from belahil.stimuli import NoSignal
 from belahil.values import Estimate, RangeWindow, Shot, WindowRequest
+from procedures.clipping import with_clipping
 from procedures.dark_noise import LEAST_SAMPLES, DarkNoise, dark_noise
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 
@@ -62,14 +63,15 @@ class NoisePlan:
     ----------
     codes : tuple of (int or None)
         Gain codes; a single None for a receiver without them.
-    dark_windows, sample_count, converters : int
-        Windows a code, samples a window, interleaved converters.
+    dark_windows, sample_count, converters, bits : int
+        Windows a code, samples a window, interleaved converters and their resolution.
     """
 
     codes: tuple[int | None, ...]
     dark_windows: int
     sample_count: int
     converters: int
+    bits: int
 
     @property
     def shots(self) -> tuple[PlannedShot, ...]:
@@ -99,6 +101,7 @@ def plan(bench: Bench, options: NoiseOptions) -> NoisePlan:
         dark_windows=options.dark_windows,
         sample_count=window_length(spec),
         converters=spec.converters,
+        bits=spec.bits,
     )
     check_all(bench, made.shots)
     return made
@@ -156,7 +159,7 @@ def analyse(plan: NoisePlan, shots: Iterable[Shot], config: BenchConfig) -> Outc
     """
     windows: dict[int | None, list[RangeWindow]] = {code: [] for code in plan.codes}
     for shot in shots:
-        windows[shot.window.gain_code].append(shot.window)
+        windows[shot.window.gain_code].append(with_clipping(shot, plan.bits).window)
     found = {code: dark_noise(ones, plan.converters) for code, ones in windows.items()}
     return Outcome(
         results={
