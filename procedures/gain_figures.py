@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from procedures.butterworth_fit import ButterworthFit
     from procedures.gain_results import Characterization, CodeResult
 
 # Okabe and Ito (2008): told apart by colour-blind readers and in grey.
@@ -50,26 +51,20 @@ def _megahertz(axes: Axes) -> None:
 
 
 def _shown(found: Characterization) -> CodeResult | None:
-    fitted = [one for one in found.codes if one.fit is not None]
-    return next((one for one in fitted if one.code == found.best_code), fitted[0] if fitted else None)
+    known = [one for one in found.codes if one.gain is not None]
+    chosen = [one for one in known if one.fit is not None] or known
+    return next((one for one in chosen if one.code == found.best_code), chosen[0] if chosen else None)
 
 
 def _gain_against_frequency(axes: Axes, found: Characterization) -> None:
     _megahertz(axes)
     axes.set_ylabel("gain, V/V")
     shown = _shown(found)
-    if shown is None or shown.fit is None:
+    if shown is None:
         axes.text(0.5, 0.5, "no usable point", transform=axes.transAxes, ha="center")
         return
-    frequencies = np.geomspace(
-        found.points.frequency_hz.min() / 1.3, found.points.frequency_hz.max() * 1.3, 400
-    )
-    for other in found.codes:
-        if other.fit is not None and other is not shown:
-            axes.plot(
-                frequencies / 1e6, shown.fit.gain * other.fit.shape(frequencies), color="0.82", lw=2, zorder=1
-            )
-    axes.plot(frequencies / 1e6, shown.fit.gain * shown.fit.shape(frequencies), color="k", lw=1.2, zorder=3)
+    if shown.fit is not None:
+        _filters(axes, found, shown.fit)
     for number, amplitude in enumerate(np.unique(found.points.amplitude_vpp)):
         mine = found.points.chosen(shown.code, float(amplitude)) & found.points.usable
         axes.errorbar(
@@ -84,8 +79,21 @@ def _gain_against_frequency(axes: Axes, found: Characterization) -> None:
             zorder=2,
         )
     axes.set_ylim(bottom=0)
+    order = "cut-off unknown" if shown.fit is None else f"order {shown.fit.order:g}"
     code = "" if shown.code is None else f"gain code {shown.code}, "
-    axes.legend(fontsize=8, loc="lower left", title=f"{code}order {shown.fit.order:g}", title_fontsize=8)
+    axes.legend(fontsize=8, loc="lower left", title=code + order, title_fontsize=8)
+
+
+def _filters(axes: Axes, found: Characterization, shown: ButterworthFit) -> None:
+    """Draw the fitted filter, and those of the other codes scaled to its gain."""
+    measured = found.points.frequency_hz
+    frequencies = np.geomspace(measured.min() / 1.3, measured.max() * 1.3, 400)
+    for other in found.codes:
+        if other.fit is not None and other.fit is not shown:
+            axes.plot(
+                frequencies / 1e6, shown.gain * other.fit.shape(frequencies), color="0.82", lw=2, zorder=1
+            )
+    axes.plot(frequencies / 1e6, shown.gain * shown.shape(frequencies), color="k", lw=1.2, zorder=3)
 
 
 def _positions(found: Characterization) -> np.ndarray:
@@ -170,15 +178,15 @@ def estimator_figure(found: Characterization) -> Figure:
     axes = figure.subplots(gridspec_kw={"left": 0.12, "right": 0.98, "bottom": 0.13, "top": 0.97})
     shown = _shown(found)
     rows = [] if shown is None else [row for row in found.small_signal if row.code == shown.code]
-    if shown is None or shown.fit is None or not rows:
+    if shown is None or shown.gain is None or not rows:
         axes.text(0.5, 0.5, "no usable point", transform=axes.transAxes, ha="center")
         return figure
     amplitude = np.array([row.amplitude_vpp for row in rows]) * 1e3
     for number, (name, label) in enumerate(
         (("sine_fit", "sine fit"), ("rms", "RMS √2"), ("peak_to_peak", "peak to peak"))
     ):
-        value = np.array([getattr(row, name) for row in rows]) / shown.fit.gain
-        spread = np.array([row.sine_fit_u for row in rows]) / shown.fit.gain if name == "sine_fit" else None
+        value = np.array([getattr(row, name) for row in rows]) / shown.gain.value
+        spread = np.array([row.sine_fit_u for row in rows]) / shown.gain.value if name == "sine_fit" else None
         axes.errorbar(
             amplitude,
             value,

@@ -94,6 +94,26 @@ def test_gain_and_best_code_do_not_need_a_cutoff() -> None:
     assert outcome.results["best_code"] == 7
 
 
+@pytest.mark.parametrize(("cutoff_hz", "title"), [(150e6, "cut-off unknown"), (17e6, "order 3")])
+def test_points_are_drawn_with_a_curve_only_where_a_cutoff_is_known(cutoff_hz: float, title: str) -> None:
+    # given receivers whose cut-off can and cannot be told
+    outcome = found(bench(cutoff_hz=cutoff_hz), OPTIONS)
+    # when the figures are drawn
+    axes = outcome.figures["gain"]().axes[0]
+    by_amplitude = outcome.figures["estimators"]().axes[0]
+    # then all usable points of the best code are there, at both amplitudes, and a curve for each known filter
+    lines = [line for line in axes.lines if line.get_linestyle() != "None"]
+    points = [line for line in axes.lines if line.get_linestyle() == "None"]
+    assert len(lines) == (0 if title == "cut-off unknown" else len(CODES))
+    assert [len(line.get_xdata()) for line in points] == [24, 24]
+    legend = axes.get_legend()
+    assert legend is not None
+    assert legend.get_title().get_text() == f"gain code 7, {title}"
+    # and the estimators stand beside each other in both cases
+    assert [len(line.get_xdata()) for line in by_amplitude.lines[:3]] == [2, 2, 2]
+    assert not any("no usable point" in text.get_text() for text in axes.texts + by_amplitude.texts)
+
+
 def test_no_code_is_the_best_while_the_steps_of_the_converter_hide_the_noise_of_another() -> None:
     # given steps of 62 mV beside 1 to 7 mV of noise, when the codes are characterized
     results = found(bench(bits=6, full_scale_v=4.0), OPTIONS).results
