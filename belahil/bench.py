@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from belahil.config import BenchConfig
     from belahil.generators import GeneratorModel
-    from belahil.interfaces import Clock, Digitizer, FunctionGenerator
+    from belahil.interfaces import Clock, Digitizer, FunctionGenerator, LinkCounts
     from belahil.receiver import DigitizerSpec
 
 ATTEMPTS = 3
@@ -108,6 +108,11 @@ class Bench:
     def spec(self) -> DigitizerSpec:
         """What the receiver reports of its converters."""
         return self._digitizer.spec
+
+    @property
+    def link_counts(self) -> LinkCounts:
+        """What the receiver's link dropped since it was opened, damaged or stale."""
+        return self._digitizer.dropped
 
     @property
     def generator_model(self) -> GeneratorModel:

@@ -15,11 +15,11 @@ from belahil.grm_link import (
     WindowSegment,
 )
 from drivers.grm_rules import check_window
-from drivers.grm_session import GrmSession, LinkCounts
+from drivers.grm_session import GrmSession
 
 if TYPE_CHECKING:
     from belahil.grm_link import Framing
-    from belahil.interfaces import Clock, Link
+    from belahil.interfaces import Clock, Link, LinkCounts
     from belahil.receiver import DigitizerSpec
     from belahil.values import RangeWindow, WindowRequest
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from belahil.errors import CorruptData, InstrumentError, InstrumentRefused, LinkError, LinkTimeout, StaleData
@@ -25,6 +24,7 @@ from belahil.grm_link import (
     read_answer,
     telecommand,
 )
+from belahil.interfaces import LinkCounts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,22 +37,6 @@ ANSWER_TIMEOUT_S = 2.0
 READ_BYTES = 65536
 
 A = TypeVar("A", Acknowledge, IdentityReport, SpecReport, HousekeepingReport, WindowSegment)
-
-
-@dataclass(frozen=True, slots=True)
-class LinkCounts:
-    """What was dropped since the link was opened.
-
-    Parameters
-    ----------
-    damaged : int
-        Packets that came broken.
-    stale : int
-        Intact packets that answered an older question, or answered twice.
-    """
-
-    damaged: int
-    stale: int
 
 
 class GrmSession:

@@ -20,6 +20,7 @@ from belahil.errors import (
     StaleData,
 )
 from belahil.generators import MODELS, GeneratorModel, on_grid
+from belahil.interfaces import LinkCounts
 from belahil.receiver import BELA_GRM, DigitizerSpec
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus
 from belahil.values import RangeWindow, WindowRequest
@@ -39,6 +40,7 @@ class Recorder:
 
     limits: GeneratorModel = MODELS["33522B"]
     spec: DigitizerSpec = BELA_GRM.digitizer
+    dropped = LinkCounts()
 
     def prepare(self, stimulus: Stimulus, trigger: str) -> Stimulus:
         self.calls.append(f"prepare {type(stimulus).__name__} {trigger}")

@@ -161,8 +161,15 @@ def _source(bench: Bench) -> str:
 
 def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -> None:
     begun = time.monotonic()
-    with signals.deferred(), shown(given.quiet, kept=len(run.shots())) as progress:
-        procedure.measure(bench, run, plan, progress)
+    try:
+        with signals.deferred(), shown(given.quiet, kept=len(run.shots())) as progress:
+            procedure.measure(bench, run, plan, progress)
+    finally:
+        dropped = bench.link_counts
+        if dropped.damaged or dropped.stale:
+            run.log(
+                f"the receiver's link dropped {dropped.damaged} damaged and {dropped.stale} stale packets"
+            )
     signals.check()
     if run.measured:
         each_ms = 1e3 * (time.monotonic() - begun) / run.measured
