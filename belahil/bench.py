@@ -96,6 +96,7 @@ class Bench:
         self._clock = clock
         self._prepared: tuple[Stimulus, Trigger] | None = None
         self._played: Stimulus | None = None
+        self._gain_code: int | None = None
         self.config = config
         generator.output(False)
 
@@ -206,7 +207,7 @@ class Bench:
                 self._prepared = None
                 raise
             except LinkError:
-                self._prepared = None
+                self._prepared = self._gain_code = None
                 if attempt >= ATTEMPTS:
                     raise
                 attempt += 1
@@ -217,9 +218,12 @@ class Bench:
         return self.config.bench.trigger if isinstance(stimulus, SampledPulse) else "immediate"
 
     def _try(self, stimulus: Stimulus, request: WindowRequest, attempt: int) -> Shot:
-        if self._prepared != (stimulus, request.trigger):
+        is_new = self._prepared != (stimulus, request.trigger)
+        if is_new:
             self._prepare(stimulus, request.trigger)
         assert self._played is not None
+        if is_new or request.gain_code != self._gain_code:
+            self._settle(request)
         self._digitizer.arm(request)
         if request.trigger == "generator":
             self._generator.trigger()
@@ -236,8 +240,21 @@ class Bench:
         played = scaled(self._generator.prepare(scaled(stimulus, factor), trigger), 1 / factor)
         self._interlock(played)
         self._generator.output(True)
-        self._clock.sleep_s(self.config.bench.settle_s)
         self._played, self._prepared = played, (stimulus, trigger)
+
+    def _settle(self, request: WindowRequest) -> None:
+        """Wait until a new stimulus or a new gain code has settled.
+
+        Only arming sets a gain code. So the receiver is armed here, and once more for the window that counts;
+        one that starts by itself is read and thrown away.
+        """
+        settle_s = self.config.bench.settle_s
+        if settle_s and request.gain_code != self._gain_code:
+            self._digitizer.arm(request)
+            if request.trigger != "generator":
+                self._digitizer.read(READ_TIMEOUT_S + request.delay_s)
+        self._gain_code = request.gain_code
+        self._clock.sleep_s(settle_s)
 
     def close(self) -> bool:
         """Switch the output off and let go of both instruments; return whether it is confirmed to be off."""

@@ -103,6 +103,45 @@ def test_the_order_of_a_pulse_is_arm_then_trigger() -> None:
     ]
 
 
+@pytest.mark.parametrize("trigger", ["generator", "immediate"])
+def test_a_new_gain_code_settles_before_its_window(trigger: str) -> None:
+    # given a bench that lets its instruments settle
+    bench, recorder = _bench()
+    pulse = SampledPulse(np.array([0.0, 0.01, 0.0]), 80e6)
+    stimulus: Stimulus = pulse if trigger == "generator" else Sine(1e6, 0.05)
+    # when the gain code changes while the stimulus stays
+    for shot, code in enumerate((4, 4, 5)):
+        bench.measure(stimulus, WindowRequest(shot, code))
+    # then arming sets the new code, all settles, and the receiver is armed again
+    window = ["trigger", "read"] if trigger == "generator" else ["read"]
+    thrown_away = [] if trigger == "generator" else ["read"]
+
+    def settling(shot: int) -> list[str]:
+        return [f"arm {shot} {trigger}", *thrown_away, "sleep 0.5"]
+
+    assert recorder.calls[3:] == [
+        *settling(0),
+        *(f"arm 0 {trigger}", *window),
+        *(f"arm 1 {trigger}", *window),
+        *settling(2),
+        *(f"arm 2 {trigger}", *window),
+    ]
+
+
+def test_after_a_failure_the_gain_code_settles_again_and_without_a_settling_time_never() -> None:
+    bench, recorder = _bench()
+    bench.measure(NoSignal(), WindowRequest(0, 4))
+    recorder.calls.clear()
+    recorder.failures = [LinkTimeout("late")]
+    bench.measure(NoSignal(), WindowRequest(1, 4))
+    assert recorder.calls.count("sleep 0.5") == 1
+    assert recorder.calls.count("arm 1 immediate") == 3
+    bench.config = msgspec.structs.replace(bench.config, bench=BenchTable())
+    recorder.calls.clear()
+    bench.measure(NoSignal(), WindowRequest(2, 5))
+    assert recorder.calls.count("arm 2 immediate") == recorder.calls.count("read") == 1
+
+
 def test_a_lost_window_is_asked_again_and_counted() -> None:
     bench, recorder = _bench()
     recorder.failures = [LinkTimeout("late"), StaleData("old")]

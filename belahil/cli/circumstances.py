@@ -26,7 +26,8 @@ def conditions(run: Run) -> dict[str, str]:
         "between generator and cut": f"load setting {generator.load_ohm:g} ohm, attenuation "
         f"{generator.attenuation_db:g} dB, input resistance of the receiver {digitizer.input_ohm:g} ohm",
         "interlock": f"max_vpp = {generator.max_vpp:g} at the cut",
-        "timing": f"trigger by the {bench.trigger}, {bench.settle_s:g} s after each change of the stimulus",
+        "timing": f"trigger by the {bench.trigger}, {bench.settle_s:g} s after each change of stimulus or "
+        "gain code",
     }
 
 
