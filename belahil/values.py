@@ -26,25 +26,6 @@ PRODUCTS: tuple[Products, ...] = ("window", "candidates", "correlation_windows")
 _NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Waveform:
-    """Volts on a uniform time grid.
-
-    Parameters
-    ----------
-    volts : ndarray of float64, shape (n,)
-        Voltage of each sample, V.
-    sample_rate_hz : float
-        Samples per second.
-    start_s : float
-        Time of the first sample, s.
-    """
-
-    volts: NDArray[np.float64]
-    sample_rate_hz: float
-    start_s: float = 0.0
-
-
 @dataclass(frozen=True, slots=True)
 class WindowRequest:
     """What one shot asks of a digitizer.
