@@ -19,7 +19,7 @@ from belahil.butterworth import magnitude
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-Status = Literal["ok", "too_few_points", "cutoff_not_identified"]
+Status = Literal["ok", "too_few_points", "cutoff_not_identified", "order_not_identified"]
 Loss = Literal["linear", "soft_l1"]
 
 ORDERS = (1, 2, 3, 4, 5, 6)
@@ -55,8 +55,8 @@ class ButterworthFit:
     Parameters
     ----------
     status : str
-        "ok", "too_few_points" or "cutoff_not_identified"; numbers are for use with "ok" only, the gain also
-        with "cutoff_not_identified" where `knows_gain` says so.
+        "ok", "too_few_points", "cutoff_not_identified", or "order_not_identified" where several whole orders
+        fit; `knows_gain` and `knows_cutoff` say which numbers are for use, the order is with "ok" only.
     gain, cutoff_hz, order, highpass_hz : float
         Pass-band gain (V/V), -3 dB frequencies, order; no high-pass: 0.
     gain_u, cutoff_u_hz, order_u, highpass_u_hz : float
@@ -83,7 +83,12 @@ class ButterworthFit:
     @property
     def knows_gain(self) -> bool:
         """Whether the gain may be used; the points may tell it without telling the cut-off."""
-        return self.status == "ok" or 0 < self.gain_u <= IDENTIFIED * self.gain
+        return self.knows_cutoff or 0 < self.gain_u <= IDENTIFIED * self.gain
+
+    @property
+    def knows_cutoff(self) -> bool:
+        """Whether the cut-off may be used; the orders that fit may agree on it."""
+        return self.status in ("ok", "order_not_identified")
 
     def shape(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return gain relative to the pass band, shape of `frequency_hz`."""
@@ -109,7 +114,7 @@ class FilterFits:
     Parameters
     ----------
     integer, free : ButterworthFit
-        The best whole order; a real order with its uncertainty.
+        The whole order that fits best; a real order with its uncertainty.
     chi_square_by_order : dict of int to float
         For every whole order tried.
     """
@@ -137,8 +142,9 @@ def fit_filter(
     Returns
     -------
     FilterFits
-        A status instead of numbers where the points cannot tell. Where another whole order fits as well, its
-        difference counts as uncertainty; with more than 20 % in the cut-off, that is not identified.
+        A status instead of numbers where the points cannot tell. Where another whole order fits as well, the
+        order is not identified and the difference counts as uncertainty; with more than 20 % in the cut-off,
+        that is not identified either.
     """
     tell = _can_tell_highpass(frequency_hz)
     whole = {order: _fit(frequency_hz, gain, gain_u, order, tell, loss) for order in ORDERS}
@@ -166,7 +172,7 @@ def _against_rivals(best: ButterworthFit, others: list[ButterworthFit]) -> Butte
     known = all(one.status == "ok" for one in [best, *rivals]) and away <= IDENTIFIED * best.cutoff_hz
     return replace(
         best,
-        status="ok" if known else "cutoff_not_identified",
+        status="order_not_identified" if known else "cutoff_not_identified",
         gain_u=math.hypot(best.gain_u, max(abs(one.gain - best.gain) for one in rivals)),
         cutoff_u_hz=math.hypot(best.cutoff_u_hz, away),
     )

@@ -79,9 +79,15 @@ def _gain_against_frequency(axes: Axes, found: Characterization) -> None:
             zorder=2,
         )
     axes.set_ylim(bottom=0)
-    order = "cut-off unknown" if shown.fit is None else f"order {shown.fit.order:g}"
+    order = _order_text(shown.fit)
     code = "" if shown.code is None else f"gain code {shown.code}, "
     axes.legend(fontsize=8, loc="lower left", title=code + order, title_fontsize=8)
+
+
+def _order_text(fit: ButterworthFit | None) -> str:
+    if fit is None:
+        return "cut-off unknown"
+    return f"order {fit.order:g}" if fit.status == "ok" else "order unknown"
 
 
 def _filters(axes: Axes, found: Characterization, shown: ButterworthFit) -> None:

@@ -86,7 +86,7 @@ def _code_json(one: CodeResult) -> dict[str, Any]:
         "highpass": _json(one.highpass),
         "order": {
             "free": _json(one.order_free),
-            "integer": None if one.fit is None else round(one.fit.order),
+            "integer": round(one.fit.order) if one.fit is not None and one.fit.status == "ok" else None,
         },
         "noise_rms": _json(one.noise),
         "noise_rms_total": _json(one.noise_total),

@@ -31,9 +31,9 @@ class CodeResult:
     code : int or None
         The gain code.
     status : str
-        "ok", "no_usable_point", "cutoff_not_identified", or the status of the dark windows.
+        "ok", "no_usable_point", that of the fit, or that of the dark windows.
     fit : ButterworthFit or None
-        Of integer order, over all usable amplitudes.
+        Of integer order, over all usable amplitudes; None where the cut-off is unknown.
     gain, cutoff, highpass, order_free : Estimate or None
         With combined standard uncertainties.
     noise, noise_total, input_noise : Estimate or None
@@ -199,7 +199,7 @@ def _code_result(
     result = CodeResult(
         code=code,
         status=status,
-        fit=fits.integer if fits is not None and fits.integer.status == "ok" else None,
+        fit=fits.integer if fits is not None and fits.integer.knows_cutoff else None,
         gain=gain,
         cutoff=cutoff,
         highpass=highpass,
@@ -227,7 +227,7 @@ def _filter_numbers(
     gain_between, cutoff_between = ([(BETWEEN_AMPLITUDES, one)] if one else [] for one in between)
     terms = [(source, one.gain) for source, one in moved] + gain_between
     gain, lines = _combined(f"gain{name}", whole.gain, whole.gain_u, terms, "1")
-    if whole.status != "ok":
+    if not whole.knows_cutoff:
         return gain, None, None, None, lines
     terms = [(source, one.cutoff_hz) for source, one in moved] + cutoff_between
     cutoff, more = _combined(f"cut-off{name}", whole.cutoff_hz, whole.cutoff_u_hz, terms, "Hz")

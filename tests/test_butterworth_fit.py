@@ -158,6 +158,34 @@ def test_too_few_points_are_said_to_be_too_few(count: int) -> None:
     assert fits.integer.status in ("too_few_points", "cutoff_not_identified")
 
 
+@pytest.mark.parametrize("second_hz", [19e6, 15e6])
+def test_two_frequencies_tell_no_order(second_hz: float) -> None:
+    # Given gains of an order of 3 at two frequencies and three amplitudes
+    frequency = np.tile([0.5e6, second_hz], 3)
+    truth = 5.19 * magnitude(frequency, 19e6, 3)
+    fit = fit_filter(frequency, truth, 1e-3 * truth).integer
+    # Then no order is told; gain and cut-off are where the orders agree, with their spread as uncertainty
+    assert fit.status == ("order_not_identified" if second_hz == 19e6 else "cutoff_not_identified")
+    assert fit.knows_cutoff is (second_hz == 19e6)
+    assert fit.knows_gain
+    assert abs(fit.gain - 5.19) <= fit.gain_u
+    if fit.knows_cutoff:
+        assert abs(fit.cutoff_hz - 19e6) <= fit.cutoff_u_hz
+
+
+def test_orders_that_fit_as_well_are_said_to_be_rivals_until_the_points_decide() -> None:
+    rng = np.random.default_rng(9)
+    for relative, status in ((3e-2, "order_not_identified"), (1e-3, "ok")):
+        gains, u = noisy(rng, 5.0, (19e6, 4, 0.0), relative)
+        fits = fit_filter(WIDE, gains, u)
+        best, second = sorted(fits.chi_square_by_order.values())[:2]
+        birge = max(1.0, best / fits.integer.freedom)
+        # Then the status follows the difference in chi square, and the truth is inside the uncertainty
+        assert fits.integer.status == status
+        assert (second - best < 9 * birge) is (status != "ok")
+        assert abs(fits.integer.cutoff_hz - 19e6) < 3 * fits.integer.cutoff_u_hz
+
+
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["linear", "soft_l1"]))
 def test_whatever_the_points_the_answer_is_finite_or_has_a_status(seed: int, loss: str) -> None:

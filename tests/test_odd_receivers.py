@@ -94,6 +94,23 @@ def test_gain_and_best_code_do_not_need_a_cutoff() -> None:
     assert outcome.results["best_code"] == 7
 
 
+def test_two_frequencies_give_gain_and_cutoff_without_an_order() -> None:
+    # given a sweep of two frequencies, one at the cut-off, when it is characterized
+    config = bench(cutoff_hz=19e6)
+    outcome = found(config, GainOptions(CODES, (13e-3, 50e-3), (0.5e6, 19e6)))
+    # then the order is null and the status says so, and the other numbers are right
+    for row in outcome.results["gain_codes"]:
+        assert (row["status"], row["order"]) == ("order_not_identified", {"free": None, "integer": None})
+    pulled = pulls(config, outcome)
+    for name in ("gain", "cut-off"):
+        assert len(pulled[name]) == len(CODES)
+        assert np.max(np.abs(pulled[name])) < 4
+    assert outcome.results["best_code"] == 7
+    legend = outcome.figures["gain"]().axes[0].get_legend()
+    assert legend is not None
+    assert legend.get_title().get_text() == "gain code 7, order unknown"
+
+
 @pytest.mark.parametrize(("cutoff_hz", "title"), [(150e6, "cut-off unknown"), (17e6, "order 3")])
 def test_points_are_drawn_with_a_curve_only_where_a_cutoff_is_known(cutoff_hz: float, title: str) -> None:
     # given receivers whose cut-off can and cannot be told
