@@ -315,7 +315,7 @@ class Run:
             "results": outcome.results,
         }
         text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-        write_data(self.folder / "data.nc", self.shots(), outcome.tables, summary)
+        write_data(self.folder / "data.nc", self.shots(), outcome.tables, summary, outcome.numbers)
         conditions = {"fingerprint": self.fingerprint, **(conditions or {})}
         told = material(outcome, found, conditions, not_modelled)
         told["figures"] = save_figures(self.folder, outcome.figures, self.begun.source)

@@ -8,10 +8,11 @@ import numpy as np
 
 from belahil.bench import setting_per_cut_volt
 from belahil.config import GeneratorUncertainty
-from belahil.outcome import Outcome, Table
+from belahil.outcome import Outcome
 from belahil.values import Estimate
 from procedures.gain_results import characterization
-from procedures.noise import noise_note, spectrum_table
+from procedures.gain_tables import integer_order, numbers, tables
+from procedures.noise import noise_note
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +42,8 @@ def outcome(plan: GainPlan, readings: WindowReadings, config: BenchConfig) -> Ou
     found = characterization(plan.codes, readings, config.generator.uncertainty, setting_per_cut_volt(config))
     return Outcome(
         results=_results(found),
-        tables=_tables(found, readings),
+        tables=tables(plan, found, readings),
+        numbers=numbers(found),
         figures=_figures(found),
         budget=found.budget,
         notes=_notes(found, plan.converters, config.generator.uncertainty),
@@ -86,7 +88,7 @@ def _code_json(one: CodeResult) -> dict[str, Any]:
         "highpass": _json(one.highpass),
         "order": {
             "free": _json(one.order_free),
-            "integer": round(one.fit.order) if one.fit is not None and one.fit.status == "ok" else None,
+            "integer": integer_order(one),
         },
         "noise_rms": _json(one.noise),
         "noise_rms_total": _json(one.noise_total),
@@ -106,53 +108,6 @@ def _chi_square(tested: ButterworthFit | Linearity | None) -> dict[str, Any] | N
 def _counted(found: Characterization) -> dict[str, int]:
     names, counts = np.unique(found.points.status, return_counts=True)
     return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
-
-
-def _tables(found: Characterization, readings: WindowReadings) -> dict[str, Table]:
-    points = found.points
-    columns = {
-        "point_gain_code": (points.code, "1", "gain code, -1 where the receiver has none"),
-        "point_amplitude_vpp": (points.amplitude_vpp, "V", "planned amplitude at the cut, peak to peak"),
-        "point_played_vpp": (points.played_vpp, "V", "played amplitude at the cut, peak to peak"),
-        "point_frequency_hz": (points.frequency_hz, "Hz", "frequency as played"),
-        "point_gain": (_where(points.gain, points.usable), "1", "gain by the sine fit"),
-        "point_gain_u": (_where(points.gain_u, points.usable), "1", "its statistical standard uncertainty"),
-        "point_gain_rms": (points.gain_rms, "1", "gain from the rms of the record, noise included"),
-        "point_gain_peak": (points.gain_peak, "1", "gain from the span of the record, noise included"),
-        "point_status": (points.status, "1", "ok, or why the point is not used"),
-    }
-    return {
-        "points": Table(columns, "point"),
-        "codes": Table(_code_columns(found), "gain_code_row"),
-        "spectrum": spectrum_table(readings.dark),
-    }
-
-
-def _where(values: np.ndarray, known: np.ndarray) -> np.ma.MaskedArray[Any, Any]:
-    return np.ma.masked_array(np.where(known, values, 0.0), ~known)
-
-
-def _code_columns(found: Characterization) -> dict[str, tuple[Any, str, str]]:
-    columns: dict[str, tuple[Any, str, str]] = {
-        "code": (np.array([-1 if one.code is None else one.code for one in found.codes]), "1", "gain code"),
-        "code_status": (np.array([one.status for one in found.codes]), "1", "ok, or what is missing"),
-    }
-    for name, unit, words in (
-        ("gain", "1", "pass-band gain, cut to converter"),
-        ("cutoff", "Hz", "-3 dB frequency of the low-pass"),
-        ("highpass", "Hz", "-3 dB frequency of the high-pass"),
-        ("order_free", "1", "order of the low-pass, fitted as a real number"),
-        ("noise", "V", "analog noise at the converter, rms"),
-        ("noise_total", "V", "raw noise at the converter, rms"),
-        ("input_noise", "V", "noise divided by gain, rms"),
-    ):
-        estimates = [getattr(one, name) for one in found.codes]
-        known = np.array([one is not None for one in estimates])
-        value = np.array([0.0 if one is None else one.value for one in estimates])
-        spread = np.array([0.0 if one is None else one.standard_uncertainty for one in estimates])
-        columns[f"code_{name}"] = (_where(value, known), unit, words)
-        columns[f"code_{name}_u"] = (_where(spread, known), unit, f"standard uncertainty of: {words}")
-    return columns
 
 
 def _figures(found: Characterization) -> dict[str, Callable[[], Figure]]:

@@ -37,6 +37,8 @@ class Points:
 
     Parameters
     ----------
+    shot : ndarray of int
+        Index in the plan.
     code : ndarray of int
         -1 for a receiver without gain codes.
     amplitude_vpp, frequency_hz, played_vpp : ndarray of float
@@ -47,6 +49,7 @@ class Points:
         "ok", or why the row is not used.
     """
 
+    shot: NDArray[np.int64]
     code: NDArray[np.int64]
     amplitude_vpp: NDArray[np.float64]
     frequency_hz: NDArray[np.float64]
@@ -189,6 +192,7 @@ def _points(plan: GainPlan, sines: list[_Reading]) -> Points:
 
     usable = [one.fit.usable for one in sines]
     return Points(
+        shot=np.array([one.shot for one in sines], np.int64),
         code=np.array([-1 if one.code is None else one.code for one in sines]),
         amplitude_vpp=np.array([one.amplitude_vpp for one in wanted if isinstance(one, Sine)]),
         frequency_hz=np.array([one.played.frequency_hz for one in sines]),

@@ -214,22 +214,25 @@ def _tables(found: dict[int | None, DarkNoise]) -> dict[str, Table]:
     rms_u = np.array([one.rms.standard_uncertainty if one.rms else 0.0 for one in ones])
     codes = {
         "code": (np.array([-1 if code is None else code for code in found]), "1", "gain code"),
-        "noise_rms": (np.ma.masked_array(rms, ~known), "V", "analog noise at the converter, rms"),
-        "noise_rms_u": (np.ma.masked_array(rms_u, ~known), "V", "its standard uncertainty"),
-        "noise_rms_total": (np.array([one.rms_total.value for one in ones]), "V", "raw noise, rms"),
-        "noise_status": (np.array([one.status for one in ones]), "1", "ok, or what is missing"),
+        "code_noise": (np.ma.masked_array(rms, ~known), "V", "analog noise at the converter, rms"),
+        "code_noise_u": (np.ma.masked_array(rms_u, ~known), "V", "its standard uncertainty"),
+        "code_noise_total": (np.array([one.rms_total.value for one in ones]), "V", "raw noise, rms"),
+        "code_noise_status": (np.array([one.status for one in ones]), "1", "ok, or what is missing"),
     }
-    return {"codes": Table(codes, "gain_code_row"), "spectrum": spectrum_table(found)}
+    return {"codes": Table(codes, "code"), **spectrum_tables(found)}
 
 
-def spectrum_table(found: dict[int | None, DarkNoise]) -> Table:
-    """Return the noise spectra of all codes as a table for the data file."""
+def spectrum_tables(found: dict[int | None, DarkNoise]) -> dict[str, Table]:
+    """Return frequencies and noise densities by code as tables for the data file."""
     frequency_hz = next(iter(found.values())).frequency_hz
-    columns = {"noise_frequency": (frequency_hz, "Hz", "frequency")}
-    for code, one in found.items():
-        name = "noise_density" if code is None else f"noise_density_code_{code}"
-        columns[name] = (one.density_v2_per_hz, "V2 Hz-1", "one-sided noise density at the converter")
-    return Table(columns, "noise_frequency")
+    density = np.stack([one.density_v2_per_hz for one in found.values()])
+    words = "one-sided noise density at the converter"
+    return {
+        "noise_frequency": Table(
+            {"noise_frequency": (frequency_hz, "Hz", "frequency of noise_density")}, "noise_frequency"
+        ),
+        "noise_density": Table({"noise_density": (density, "V2 Hz-1", words)}, "code", "noise_frequency"),
+    }
 
 
 def _figure(found: dict[int | None, DarkNoise]) -> Figure:
