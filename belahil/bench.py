@@ -15,7 +15,15 @@ import msgspec
 
 from belahil import config as configuration
 from belahil.clock import SystemClock
-from belahil.errors import InterlockRefused, LimitExceeded, LinkClosed, LinkError, RefusedInput, StaleData
+from belahil.errors import (
+    InstrumentError,
+    InterlockRefused,
+    LimitExceeded,
+    LinkClosed,
+    LinkError,
+    RefusedInput,
+    StaleData,
+)
 from belahil.generators import SOURCE_OHM, open_circuit
 from belahil.stimuli import SampledPulse, Stimulus, TransmittedPulse, largest_volts, scaled
 from belahil.values import Shot, Trigger, WindowRequest
@@ -25,11 +33,12 @@ if TYPE_CHECKING:
 
     from belahil.config import BenchConfig
     from belahil.generators import GeneratorModel
-    from belahil.interfaces import Clock, Digitizer, FunctionGenerator
+    from belahil.interfaces import Clock, Digitizer, FunctionGenerator, LinkCounts
     from belahil.receiver import DigitizerSpec
 
 ATTEMPTS = 3
 READ_TIMEOUT_S = 2.0
+LEFT_ON = "the generator did not confirm that its output is off: switch it off by hand"
 
 
 @dataclass(frozen=True)
@@ -76,7 +85,7 @@ class Bench:
 
     Notes
     -----
-    Use it as a context manager: the output is off on every way out.
+    Use it as a context manager: the output is off on every way out, or the error says that it may not be.
     """
 
     def __init__(
@@ -87,6 +96,7 @@ class Bench:
         self._clock = clock
         self._prepared: tuple[Stimulus, Trigger] | None = None
         self._played: Stimulus | None = None
+        self._gain_code: int | None = None
         self.config = config
         generator.output(False)
 
@@ -99,6 +109,11 @@ class Bench:
     def spec(self) -> DigitizerSpec:
         """What the receiver reports of its converters."""
         return self._digitizer.spec
+
+    @property
+    def link_counts(self) -> LinkCounts:
+        """What the receiver's link dropped since it was opened, damaged or stale."""
+        return self._digitizer.dropped
 
     @property
     def generator_model(self) -> GeneratorModel:
@@ -137,20 +152,31 @@ class Bench:
             raise LimitExceeded(
                 f"a window of {request.sample_count} samples: the receiver takes 1 to {spec.max_sample_count}"
             )
+        trigger = self._trigger_for(stimulus)
+        if trigger not in spec.triggers:
+            raise LimitExceeded(
+                f"a window of {type(stimulus).__name__} is started by trigger = {trigger}: "
+                f"the receiver has {', '.join(spec.triggers)}"
+            )
+        if request.products not in spec.products:
+            raise LimitExceeded(f"products = {request.products}: the receiver has {', '.join(spec.products)}")
 
     def _check_stimulus(self, stimulus: Stimulus) -> None:
         from belahil.generators import on_grid
 
         self._interlock(stimulus)
-        part = self.config.generator
-        on_grid(scaled(stimulus, self.setting_per_cut_volt), self.generator_model, part.load_ohm)
+        part, factor = self.config.generator, self.setting_per_cut_volt
+        played = on_grid(scaled(stimulus, factor), self.generator_model, part.load_ohm)
+        # Rounding may go up.
+        self._interlock(scaled(played, 1 / factor))
 
     def _interlock(self, stimulus: Stimulus) -> None:
-        limit = self.config.generator.max_vpp
-        if 2 * largest_volts(stimulus) > limit * (1 + 1e-9):
+        limit, peak = self.config.generator.max_vpp, largest_volts(stimulus)
+        # Turned round, so that what is not a number does not pass.
+        if not 2 * peak <= limit * (1 + 1e-9):
             raise InterlockRefused(
-                f"a stimulus of up to {largest_volts(stimulus):.4g} V at the cut, offset included: "
-                f"[generator] max_vpp = {limit:g} allows {limit / 2:.4g} V"
+                f"a stimulus of up to {peak:.6g} V at the cut, offset included ({2 * peak:.6g} Vpp): "
+                f"[generator] max_vpp = {limit:g} allows {limit / 2:.6g} V"
             )
 
     def measure(self, stimulus: Stimulus, request: WindowRequest) -> Shot:
@@ -181,7 +207,7 @@ class Bench:
                 self._prepared = None
                 raise
             except LinkError:
-                self._prepared = None
+                self._prepared = self._gain_code = None
                 if attempt >= ATTEMPTS:
                     raise
                 attempt += 1
@@ -192,9 +218,12 @@ class Bench:
         return self.config.bench.trigger if isinstance(stimulus, SampledPulse) else "immediate"
 
     def _try(self, stimulus: Stimulus, request: WindowRequest, attempt: int) -> Shot:
-        if self._prepared != (stimulus, request.trigger):
+        is_new = self._prepared != (stimulus, request.trigger)
+        if is_new:
             self._prepare(stimulus, request.trigger)
         assert self._played is not None
+        if is_new or request.gain_code != self._gain_code:
+            self._settle(request)
         self._digitizer.arm(request)
         if request.trigger == "generator":
             self._generator.trigger()
@@ -211,13 +240,26 @@ class Bench:
         played = scaled(self._generator.prepare(scaled(stimulus, factor), trigger), 1 / factor)
         self._interlock(played)
         self._generator.output(True)
-        self._clock.sleep_s(self.config.bench.settle_s)
         self._played, self._prepared = played, (stimulus, trigger)
 
-    def close(self) -> None:
-        """Switch the output off and let go of both instruments."""
+    def _settle(self, request: WindowRequest) -> None:
+        """Wait until a new stimulus or a new gain code has settled.
+
+        Only arming sets a gain code. So the receiver is armed here, and once more for the window that counts;
+        one that starts by itself is read and thrown away.
+        """
+        settle_s = self.config.bench.settle_s
+        if settle_s and request.gain_code != self._gain_code:
+            self._digitizer.arm(request)
+            if request.trigger != "generator":
+                self._digitizer.read(READ_TIMEOUT_S + request.delay_s)
+        self._gain_code = request.gain_code
+        self._clock.sleep_s(settle_s)
+
+    def close(self) -> bool:
+        """Switch the output off and let go of both instruments; return whether it is confirmed to be off."""
         try:
-            self._generator.close()
+            return self._generator.close()
         finally:
             self._digitizer.close()
 
@@ -227,7 +269,11 @@ class Bench:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        if self.close():
+            return
+        if error is None:
+            raise InstrumentError(LEFT_ON)
+        error.add_note(LEFT_ON)
 
 
 def setting_per_cut_volt(config: BenchConfig) -> float:

@@ -19,6 +19,9 @@ from belahil.strict_toml import NotNegative, Positive, Strict
 
 Span = tuple[float, float]
 
+LOAD_OHM = (1.0, 10e3)
+"""Load settings of the 33500 and 33600 families beside high impedance (their public manuals)."""
+
 
 class BenchTable(Strict, frozen=True):
     """``[bench]``: who triggers, and when."""
@@ -48,7 +51,7 @@ class GeneratorTable(Strict, frozen=True):
     address: str = "emulated"
     visa_library: str = ""
     load_ohm: Positive = 50.0
-    attenuation_db: NotNegative = 0.0
+    attenuation_db: Annotated[float, Meta(ge=0, le=200)] = 0.0
     max_vpp: Positive = 0.5
     uncertainty: GeneratorUncertainty = GeneratorUncertainty()
 
@@ -96,7 +99,7 @@ class EmulatedReceiver(Strict, frozen=True):
     gain_by_code: tuple[Positive, ...] | None = None
     noise_rms_v_by_code: tuple[NotNegative, ...] | None = None
     small_signal: SmallSignal = SmallSignal()
-    adc_full_scale_v: Positive | None = None
+    adc_full_scale_v: Annotated[float, Meta(ge=1e-3, le=1e3)] | None = None  # what the GRM link allows
     adc_bits: Annotated[int, Meta(ge=2, le=16)] | None = None
     clock_ppm: Annotated[float, Meta(ge=-250, le=250)] = 0.0
     interleave: Interleave = Interleave()
@@ -234,6 +237,11 @@ def check_bench(config: BenchConfig) -> None:
         raise ConfigError(
             f'[generator] driver = "{config.generator.driver}" is unknown; allowed: {", ".join(FAMILIES)}'
         )
+    load_ohm = config.generator.load_ohm
+    if not (LOAD_OHM[0] <= load_ohm <= LOAD_OHM[1] or math.isinf(load_ohm) or math.isnan(load_ohm)):
+        raise ConfigError(
+            f"[generator] load_ohm = {load_ohm:g}: allowed: {LOAD_OHM[0]:g} to {LOAD_OHM[1]:g} ohm, or inf"
+        )
     if config.digitizer.driver != "grm":
         raise ConfigError(f'[digitizer] driver = "{config.digitizer.driver}" is unknown; allowed: grm')
     spec = receiver_preset(config.digitizer.receiver)
@@ -247,13 +255,19 @@ def check_bench(config: BenchConfig) -> None:
     _ = config.source
     check_by_code(config.emulation.receiver, spec, "emulation.receiver")
     for where, numbers in strict_toml.numbers(config):
+        table, _, key = where.rpartition(".")
         if any(math.isnan(number) for number in numbers):
-            raise ConfigError(f"{where} is not a number")
+            raise ConfigError(f"[{table}] {key} is not a number")
+        if key not in _MAY_BE_INFINITE and table != "limits" and any(map(math.isinf, numbers)):
+            raise ConfigError(f"[{table}] {key} is infinite: must be finite")
     if config.limits is not None:
         for key in config.limits.__struct_fields__:
             span = getattr(config.limits, key)
             if span is not None and not span[0] <= span[1]:
                 raise ConfigError(f"[limits] {key} = [{span[0]:g}, {span[1]:g}]: low must not exceed high")
+
+
+_MAY_BE_INFINITE = ("load_ohm", "input_ohm", "bandwidth_hz")
 
 
 def check_by_code(receiver: EmulatedReceiver, spec: ReceiverSpec, where: str) -> None:

@@ -1,19 +1,19 @@
 """The data file of a run: NetCDF-4 with CF attributes, written from the journal when the run ends.
 
-Dimensions are ``shot`` and ``sample``; each table of results adds its own dimension and the variables
-``<table>_<column>``. Windows shorter than the longest are filled up; ``sample_count`` says where they end.
+Dimensions are ``shot`` and ``sample``; tables of results add theirs, and a variable for each column.
+Windows shorter than the longest are filled up; ``sample_count`` says where they end.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from belahil.export_tables import NO_FLOAT, write_numbers, write_table
 from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse, largest_volts
 from belahil.storage import replacing, reserve
 
@@ -23,12 +23,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from belahil.outcome import Table
+    from belahil.outcome import Number, Table
     from belahil.run import Shots
     from belahil.values import Shot
 
 CONVENTIONS = "CF-1.11"
-NO_FLOAT = 9.969209968386869e36  # the default fill value of NetCDF
 NO_COUNT = -32768
 STIMULI = (NoSignal, Sine, SampledPulse, TransmittedPulse)
 STIMULUS_WORDS = "no_signal sine sampled_pulse transmitted_pulse"
@@ -122,7 +121,13 @@ _VARIABLES = (
 )
 
 
-def write_data(path: Path, shots: Shots, tables: Mapping[str, Table], summary: Mapping[str, Any]) -> None:
+def write_data(
+    path: Path,
+    shots: Shots,
+    tables: Mapping[str, Table],
+    summary: Mapping[str, Any],
+    numbers: Mapping[str, Number] | None = None,
+) -> None:
     """Write the data file; memory holds a few windows at a time.
 
     Parameters
@@ -135,6 +140,8 @@ def write_data(path: Path, shots: Shots, tables: Mapping[str, Table], summary: M
         Results by name.
     summary : mapping
         As ``summary.json`` says it; title, source and history are taken from it.
+    numbers : mapping of str to (Estimate or None, what it is), or None
+        Results that are a single number; each is a variable without dimension.
 
     Raises
     ------
@@ -155,7 +162,8 @@ def write_data(path: Path, shots: Shots, tables: Mapping[str, Table], summary: M
             _write_scalars(file, scalars, housekeeping)
             _write_counts(file, shots, max(longest, 1), ragged)
             for name, table in tables.items():
-                _write_table(file, name, table)
+                write_table(file, name, table)
+            write_numbers(file, numbers or {})
 
 
 def _write_scalars(
@@ -215,52 +223,6 @@ def _write_counts(file: Any, shots: Iterable[Shot], longest: int, ragged: bool) 
             first, held = first + held, 0
     if held:
         counts[first : first + held] = batch[:held]
-
-
-def _write_table(file: Any, name: str, table: Table) -> None:
-    rows = next(iter(table.columns.values()))[0].size
-    known = file.dimensions.get(table.dimension)
-    if known is None:
-        file.dimensions[table.dimension] = rows
-    elif known.size != rows:
-        raise ValueError(f"table {name}: {rows} rows, dimension {table.dimension} has {known.size}")
-    for column, (values, unit, long_name) in table.columns.items():
-        coordinate = column == table.dimension
-        data, fill, more = _stored(values)
-        made = file.create_variable(
-            column if coordinate else f"{name}_{column}",
-            (table.dimension,),
-            data.dtype,
-            data=data,
-            fillvalue=None if coordinate else fill,
-        )
-        made.attrs["long_name"] = long_name
-        made.attrs.update(more or {"units": unit})
-
-
-def _stored(values: NDArray[Any]) -> tuple[NDArray[Any], Any, dict[str, Any]]:
-    """Return what goes to the file, its fill value, and attributes that take the place of a unit."""
-    missing = np.ma.getmaskarray(values)
-    data = np.ma.getdata(values)
-    if data.dtype.kind in "UO":
-        words = [re.sub(r"[^A-Za-z0-9_.+@-]", "_", str(word)) or "unset" for word in data]
-        meanings = sorted(set(words))
-        flags: Sequence[int] = [meanings.index(word) for word in words]
-        return (
-            np.array(flags, np.int8),
-            None,
-            {
-                "flag_values": np.arange(len(meanings), dtype=np.int8),
-                "flag_meanings": " ".join(meanings),
-            },
-        )
-    if data.dtype.kind == "f":
-        missing = missing | np.isnan(data)
-        return np.where(missing, NO_FLOAT, data), NO_FLOAT, {}
-    if data.dtype.kind == "b":
-        return data.astype(np.int8), None, {}
-    lowest = np.iinfo(data.dtype).min if data.dtype.kind == "i" else np.iinfo(data.dtype).max
-    return np.where(missing, lowest, data).astype(data.dtype), lowest if missing.any() else None, {}
 
 
 def _attributes(summary: Mapping[str, Any]) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -9,6 +10,22 @@ if TYPE_CHECKING:
     from belahil.receiver import DigitizerSpec
     from belahil.stimuli import Stimulus
     from belahil.values import RangeWindow, WindowRequest
+
+
+@dataclass(frozen=True, slots=True)
+class LinkCounts:
+    """What a link dropped since it was opened.
+
+    Parameters
+    ----------
+    damaged : int
+        Packets that came broken.
+    stale : int
+        Intact packets that answered an older question, or answered twice.
+    """
+
+    damaged: int = 0
+    stale: int = 0
 
 
 class FunctionGenerator(Protocol):
@@ -51,8 +68,14 @@ class FunctionGenerator(Protocol):
         """Start a stimulus that was prepared with ``trigger="generator"``."""
         ...
 
-    def close(self) -> None:
-        """Switch the output off and let go of the link; never raises for a dead link."""
+    def close(self) -> bool:
+        """Switch the output off and let go of the link; never raises for a dead link.
+
+        Returns
+        -------
+        bool
+            Whether the instrument confirmed that its output is off.
+        """
         ...
 
 
@@ -67,6 +90,11 @@ class Digitizer(Protocol):
     @property
     def spec(self) -> DigitizerSpec:
         """What the instrument reports of itself."""
+        ...
+
+    @property
+    def dropped(self) -> LinkCounts:
+        """What its link dropped since it was opened."""
         ...
 
     def arm(self, request: WindowRequest) -> None:

@@ -13,7 +13,27 @@ if TYPE_CHECKING:
     from belahil.values import Estimate
 
     Column = tuple[NDArray[Any], str, str]
-    """Array of shape (n,), its SI unit, and what it is in a few words."""
+    """Array of shape (n,) or (n, m), its SI unit, and what it is in a few words."""
+
+    Number = tuple[Estimate | None, str, str]
+    """A measured number or None, its SI unit, and what it is in a few words."""
+
+STATUSES = (
+    "ok",
+    "clipped",
+    "below_dither",
+    "no_signal",
+    "short_record",
+    "frequency_not_measurable",
+    "no_usable_point",
+    "too_few_points",
+    "cutoff_not_identified",
+    "order_not_identified",
+    "noise_clipped",
+    "noise_below_dither",
+    "noise_no_signal",
+)
+"""All words of a status column. The place of a word is its number in data files, so new ones go last."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,24 +42,30 @@ class Table:
 
     Parameters
     ----------
-    columns : mapping of str to (ndarray of shape (n,), unit, long_name)
-        Floats, integers, or strings (a status); a masked array where a value is missing. The column that is
-        named like the dimension becomes its coordinate.
+    columns : mapping of str to (ndarray of shape (n,) or (n, m), unit, long_name)
+        Floats, integers, or strings (out of `STATUSES`); a masked array where a value is missing. The column
+        that is named like the dimension becomes its coordinate.
     dimension : str
         Name of the rows in the data file.
+    across : str
+        Name of the second dimension, where a column has one.
 
     Raises
     ------
     ValueError
-        Columns of different lengths.
+        Columns of different lengths, or of two dimensions where only one has a name.
     """
 
     columns: Mapping[str, Column]
     dimension: str
+    across: str = ""
 
     def __post_init__(self) -> None:
         shapes = {name: column[0].shape for name, column in self.columns.items()}
-        if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) != 1:
+        deepest = 2 if self.across else 1
+        if any(not 1 <= len(shape) <= deepest for shape in shapes.values()) or (
+            len({shape[0] for shape in shapes.values()}) != 1
+        ):
             raise ValueError(f"columns of one table need one row count; these have the shapes {shapes}")
 
 
@@ -77,6 +103,8 @@ class Outcome:
     results : dict
         Ready for JSON, as ``summary.json`` shows them; nothing in it depends on link, time or path.
     tables : mapping of str to Table
+        For the data file, in which each column is a variable of its name.
+    numbers : mapping of str to Number
         For the data file.
     figures : mapping of str to callable
         Each call draws one figure; the key names its files. Its label (``Figure.set_label``) is its caption.
@@ -90,6 +118,7 @@ class Outcome:
 
     results: dict[str, Any]
     tables: Mapping[str, Table] = field(default_factory=dict)
+    numbers: Mapping[str, Number] = field(default_factory=dict)
     figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     budget: Sequence[BudgetLine] = ()
     notes: Sequence[str] = ()

@@ -15,6 +15,7 @@ import numpy as np
 
 from belahil.errors import RefusedInput
 from belahil.pole_modes import modes, ordered_poles, transfer
+from belahil.state_blocks import StateBlocks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -172,9 +173,9 @@ def _noise_modes(poles: tuple[complex, ...], zeros: int) -> list[tuple[complex, 
 class SampledNoise:
     """White noise behind a filter, sampled: an exact stationary generator of unit rms.
 
-    The samples are an autoregressive moving average with as many terms as the filter has poles. Its
-    coefficients are found once, as the innovations form of the sampled state (Anderson and Moore, Optimal
-    Filtering, 1979, section 9.3); a draw is one recursion that starts in the stationary state.
+    The samples are an autoregressive moving average with as many terms as the filter has poles, in the
+    innovations form of the sampled state (Anderson and Moore, Optimal Filtering, 1979, section 9.3), which is
+    found once; a draw is one recursion that starts in the stationary state.
 
     Parameters
     ----------
@@ -207,11 +208,12 @@ class SampledNoise:
                 unknown = solve_discrete_are(step.T, see[:, None], (fresh + fresh.T) / 2, [[trace]])
             except np.linalg.LinAlgError:
                 continue
-            innovation = see @ unknown @ see + trace
+            innovation = float(see @ unknown @ see) + trace
+            if innovation <= 0:
+                continue
             gain = step @ unknown @ see / innovation
-            self._a = np.poly(np.exp(np.array(ordered) * sample_interval_s)).real
-            self._b = np.sqrt(innovation) * np.poly(np.linalg.eigvals(step - np.outer(gain, see))).real
-            if self._spectrum_error(ordered, zeros, sample_interval_s) < 1e-6:
+            error = _spectrum_error(step, gain, see, innovation, ordered, zeros, sample_interval_s)
+            if error < 1e-6:
                 break
         else:
             raise RefusedInput(
@@ -219,27 +221,11 @@ class SampledNoise:
                 f"{unit:.4g} rad/s: so many samples in a time constant are beyond double precision"
             )
         size, axes = np.linalg.eigh(spread - unknown)
-        seen = np.array([see @ np.linalg.matrix_power(step, k) for k in range(len(ordered))])
-        self._start = self._seen_by_lfilter() @ seen @ (axes * np.sqrt(np.maximum(size, 0.0)))
-
-    def _spectrum_error(self, ordered: tuple[complex, ...], zeros: int, sample_interval_s: float) -> float:
-        z = np.exp(1j * np.linspace(0, np.pi, 33))
-        made = np.abs(np.polyval(self._b, z) / np.polyval(self._a, z)) ** 2
-        true = np.zeros(z.shape)
-        total = 0.0
-        for pole, weight in _noise_modes(ordered, zeros):
-            root = cmath.exp(pole * sample_interval_s)
-            true += (weight * (1 - root**2) / ((1 - root * z) * (1 - root / z))).real
-            total += weight.real
-        return float(np.max(np.abs(made - true / total)) / np.max(true / total))
-
-    def _seen_by_lfilter(self) -> NDArray[np.float64]:
-        """Turn the next outputs without new input into the state of scipy's lfilter (transposed form)."""
-        order = self._a.size - 1
-        shifted: NDArray[np.float64] = sum(
-            (self._a[k] * np.eye(order, k=-k) for k in range(order)), np.zeros((order, order))
+        self._start = axes * np.sqrt(np.maximum(size, 0.0))
+        step_rms = np.sqrt(innovation)
+        self._filter = StateBlocks(
+            step, step_rms * gain[:, None], see[None, :], np.array([[step_rms]], dtype=np.float64)
         )
-        return shifted
 
     def draw(self, rng: np.random.Generator, sample_count: int) -> NDArray[np.float64]:
         """Draw a stretch of noise, shape (sample_count,), of zero mean and unit rms.
@@ -251,13 +237,32 @@ class SampledNoise:
         sample_count : int
             At least 1.
         """
-        from scipy.signal import lfilter
-
-        order = self._a.size - 1
+        order = self._start.shape[0]
         normal = rng.standard_normal(order + sample_count)
-        state = self._start @ normal[:order]
-        noise: NDArray[np.float64] = lfilter(self._b, self._a, normal[order:], zi=state)[0]
-        return noise
+        return self._filter.run(self._start @ normal[:order], normal[order:, None])[:, 0]
+
+
+def _spectrum_error(
+    step: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    see: NDArray[np.float64],
+    innovation: float,
+    ordered: tuple[complex, ...],
+    zeros: int,
+    sample_interval_s: float,
+) -> float:
+    """Largest error of the recursion's spectrum against the true one, relative to the peak."""
+    band = min(2 * max(map(abs, ordered)) * sample_interval_s, np.pi)
+    z = np.exp(1j * np.concatenate([np.linspace(0, np.pi, 33), np.linspace(0, band, 33)]))
+    resolvent = z[:, None, None] * np.eye(see.size) - step
+    made = innovation * np.abs(1 + np.linalg.solve(resolvent, gain[:, None])[:, :, 0] @ see) ** 2
+    true = np.zeros(z.shape)
+    total = 0.0
+    for pole, weight in _noise_modes(ordered, zeros):
+        root = cmath.exp(pole * sample_interval_s)
+        true += (weight * (1 - root**2) / ((1 - root * z) * (1 - root / z))).real
+        total += weight.real
+    return float(np.max(np.abs(made - true / total)) / np.max(true / total))
 
 
 def _cascade(

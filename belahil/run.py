@@ -19,7 +19,7 @@ from belahil.errors import RefusedInput, StorageError
 from belahil.fingerprint import difference, facts, fingerprint, plain
 from belahil.journal import Journal
 from belahil.provenance import belahil_version, command_line, software
-from belahil.run_folder import claim, lock, read_bench, write_bench
+from belahil.run_folder import claim, journal_of, lock, read_bench, write_bench
 from belahil.storage import write_whole
 from belahil.verdict import checks, overall
 
@@ -160,7 +160,7 @@ class Run:
                 instruments=dict(instruments or {}),
                 facts=facts(procedure, plan or {}, config, seed),
             )
-            journal = Journal.create(folder / "journal" / "shots", plain(begun), sync=sync)
+            journal = Journal.create(journal_of(folder), plain(begun), sync=sync)
             undo.pop_all()
         run = cls(folder, held, journal, config)
         run.log(f"begun with belahil {belahil_version()}: {command_line()}")
@@ -186,7 +186,12 @@ class Run:
         with ExitStack() as undo:
             held = lock(folder)
             undo.callback(held.release)
-            journal = Journal(folder / "journal" / "shots", sync=sync)
+            if not journal_of(folder).exists():
+                raise RefusedInput(
+                    f"--resume {folder}: the run ended before its first shot; "
+                    "remove the folder and begin again"
+                )
+            journal = Journal(journal_of(folder), sync=sync)
             undo.callback(journal.close)
             run = cls(folder, held, journal, read_bench(folder))
             if not run.finished:
@@ -310,7 +315,7 @@ class Run:
             "results": outcome.results,
         }
         text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-        write_data(self.folder / "data.nc", self.shots(), outcome.tables, summary)
+        write_data(self.folder / "data.nc", self.shots(), outcome.tables, summary, outcome.numbers)
         conditions = {"fingerprint": self.fingerprint, **(conditions or {})}
         told = material(outcome, found, conditions, not_modelled)
         told["figures"] = save_figures(self.folder, outcome.figures, self.begun.source)

@@ -13,6 +13,11 @@ from belahil.storage import FolderLock, storage_error, write_whole
 BENCH_HEADER = "# The bench as this run used it. Only an emulated or simulated bench reads [emulation].\n\n"
 
 
+def journal_of(folder: Path) -> Path:
+    """Return where a run keeps its shots; the file is there as soon as there is something to resume."""
+    return folder / "journal" / "shots"
+
+
 def refuse_used(folder: str | Path) -> None:
     """Refuse a run folder that has something in it.
 
@@ -33,7 +38,7 @@ def refuse_used(folder: str | Path) -> None:
             return
     except OSError as error:
         raise storage_error(f"--out {folder}: cannot be looked into", error) from error
-    hint = f"; --resume {folder} continues the run in it" if (folder / "journal").is_dir() else ""
+    hint = f"; --resume {folder} continues the run in it" if journal_of(folder).exists() else ""
     raise RefusedInput(f"--out {folder}: the folder is not empty{hint}")
 
 

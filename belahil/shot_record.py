@@ -46,7 +46,7 @@ class SamePulse(Struct, tag="same", array_like=True, frozen=True):
 class _Record(Struct, array_like=True, frozen=True):
     request: WindowRequest
     played: _NoSignal | _Transmitted | _Sine | _Pulse | SamePulse
-    counts: bytes
+    counts: memoryview  # into the record: a window is the most of it, and need not be copied
     volts_per_count: float
     zero_count: float
     sample_interval_s: float
@@ -90,7 +90,7 @@ def to_bytes(request: WindowRequest, shot: Shot, same: SamePulse | None = None) 
         _Record(
             request=request,
             played=same or _packed(shot.played),
-            counts=window.counts.astype("<i2", copy=False).tobytes(),
+            counts=np.ascontiguousarray(window.counts, "<i2").data,
             volts_per_count=float(window.volts_per_count),
             zero_count=float(window.zero_count),
             sample_interval_s=float(window.sample_interval_s),

@@ -36,7 +36,7 @@ class Sine:
     Raises
     ------
     RefusedInput
-        When the frequency or the amplitude is not a positive, finite number.
+        When the frequency or the amplitude is not a positive, finite number, or the offset is not finite.
     """
 
     frequency_hz: float
@@ -49,6 +49,8 @@ class Sine:
                 f"a sine of {self.frequency_hz!r} Hz and {self.amplitude_vpp!r} Vpp: "
                 "both must be positive and finite"
             )
+        if not np.isfinite(self.offset_v):
+            raise RefusedInput(f"a sine with an offset of {self.offset_v!r} V: must be finite")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -142,7 +142,10 @@ class RangeWindow:
     @property
     def volts(self) -> NDArray[np.float64]:
         """Volts at the converter, shape (n,)."""
-        return (self.counts.astype(np.float64) - self.zero_count) * self.volts_per_count
+        volts = self.counts.astype(np.float64)
+        volts -= self.zero_count
+        volts *= self.volts_per_count
+        return volts
 
     def equals(self, other: RangeWindow) -> bool:
         """Tell whether both hold the same counts and the same description, bit for bit."""

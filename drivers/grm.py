@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from belahil.errors import CorruptData, InstrumentError
+from belahil.errors import InstrumentError
 from belahil.grm_link import (
     Acknowledge,
     HousekeepingReport,
@@ -14,11 +14,12 @@ from belahil.grm_link import (
     WindowAssembler,
     WindowSegment,
 )
-from drivers.grm_session import GrmSession, LinkCounts
+from drivers.grm_rules import check_window
+from drivers.grm_session import GrmSession
 
 if TYPE_CHECKING:
     from belahil.grm_link import Framing
-    from belahil.interfaces import Clock, Link
+    from belahil.interfaces import Clock, Link, LinkCounts
     from belahil.receiver import DigitizerSpec
     from belahil.values import RangeWindow, WindowRequest
 
@@ -38,7 +39,7 @@ class GrmDigitizer:
     Raises
     ------
     LinkError
-        No receiver of this link answers.
+        No receiver of this link answers, or one whose spec breaks the rules of the link.
     """
 
     def __init__(self, link: Link, clock: Clock, framing: Framing = "cobs") -> None:
@@ -105,7 +106,7 @@ class GrmDigitizer:
         (request, request_id), self._armed = self._armed, None
         with self._session.losing_step():
             window = self._assembled(request, request_id, self._clock.now_s() + timeout_s)
-            _check(window, request)
+            check_window(window, request, self._spec)
         return window
 
     def housekeeping(self) -> dict[str, float]:
@@ -126,14 +127,3 @@ class GrmDigitizer:
             window = assembler.add(segment)
             if window is not None:
                 return window
-
-
-def _check(window: RangeWindow, request: WindowRequest) -> None:
-    if window.gain_code != request.gain_code:
-        raise CorruptData(
-            f"shot {request.shot}: asked for gain code {request.gain_code}, the window has {window.gain_code}"
-        )
-    if request.products == "window" and window.counts.size != request.sample_count:
-        raise CorruptData(
-            f"shot {request.shot}: asked for {request.sample_count} samples, {window.counts.size} came"
-        )

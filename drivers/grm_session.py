@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from belahil.errors import CorruptData, InstrumentError, InstrumentRefused, LinkError, LinkTimeout, StaleData
@@ -25,6 +24,7 @@ from belahil.grm_link import (
     read_answer,
     telecommand,
 )
+from belahil.interfaces import LinkCounts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,22 +37,6 @@ ANSWER_TIMEOUT_S = 2.0
 READ_BYTES = 65536
 
 A = TypeVar("A", Acknowledge, IdentityReport, SpecReport, HousekeepingReport, WindowSegment)
-
-
-@dataclass(frozen=True, slots=True)
-class LinkCounts:
-    """What was dropped since the link was opened.
-
-    Parameters
-    ----------
-    damaged : int
-        Packets that came broken.
-    stale : int
-        Intact packets that answered an older question, or answered twice.
-    """
-
-    damaged: int
-    stale: int
 
 
 class GrmSession:
@@ -79,7 +63,9 @@ class GrmSession:
         self._inbox: deque[Answer] = deque()
         self._sequence_count = 0
         self._in_step = False
+        self._heard = False
         self._stale = 0
+        self._last_stale = 0
         self._at_question = self.counts
         self.identity = ""
 
@@ -129,8 +115,8 @@ class GrmSession:
         with self.losing_step():
             while (answer := self._take(request_id, kind, question)) is None:
                 if expired:
-                    raise self._missing(question)
-                expired = not self._fill(deadline_s)
+                    raise self._missing(request_id, question)
+                expired = not self._fill(deadline_s, question)
         return answer
 
     @contextmanager
@@ -180,25 +166,36 @@ class GrmSession:
                         f"receiver, {question}: {type(answer).__name__} came, {kind.__name__} was due"
                     )
             self._stale += 1
+            self._last_stale = answer.request_id
         return None
 
-    def _fill(self, deadline_s: float) -> bool:
+    def _fill(self, deadline_s: float, question: str) -> bool:
         """Read once; tell whether something came and time is left."""
         data = self._link.read(READ_BYTES, max(0.0, deadline_s - self._clock.now_s()))
         for packet in self._stream.feed(data) if data else self._stream.end():
-            answer = read_answer(packet)
+            self._heard = True
+            try:
+                answer = read_answer(packet)
+            except CorruptData as error:
+                raise CorruptData(f"receiver, {question}: {error}") from error
             if answer is not None:
                 self._inbox.append(answer)
         return bool(data) and self._clock.now_s() < deadline_s
 
-    def _missing(self, question: str) -> LinkError:
+    def _missing(self, request_id: int, question: str) -> LinkError:
+        before = f"receiver, {question}: no complete answer in time"
+        # Whoever sent an intact packet speaks this link.
+        after = "" if self._heard else "; is this the receiver's link?"
         damaged = self._stream.damaged - self._at_question.damaged
         stale = self._stale - self._at_question.stale
         if damaged:
-            return CorruptData(f"receiver, {question}: no complete answer in time, {damaged} damaged packets")
+            return CorruptData(f"{before}; {damaged} damaged, the last is a {self._stream.complaint}{after}")
         if stale:
-            return StaleData(f"receiver, {question}: no answer in time, {stale} packets to older questions")
-        return LinkTimeout(f"receiver, {question}: no complete answer in time")
+            return StaleData(
+                f"{before} under request number {request_id:08x}; {stale} came under others, "
+                f"the last under {self._last_stale:08x}"
+            )
+        return LinkTimeout(before + after)
 
 
 def _refused(refusal: Refusal, question: str) -> InstrumentRefused:

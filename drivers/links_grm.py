@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs
+from urllib.parse import parse_qs, urlsplit
 
 from belahil.errors import ConfigError
 from drivers.serial_link import DEFAULT_BAUD, open_serial
@@ -43,7 +43,8 @@ def open_link(link: str, usb_backend: Any = None) -> tuple[Link, Framing]:
             raise ConfigError(f'[digitizer] link = "{link}": usb:VID:PID[:SERIAL] with hexadecimal numbers')
         vendor, product, number = match.groups()
         return open_usb(int(vendor, 16), int(product, 16), number, usb_backend), "raw"
-    if link.startswith("socket://"):
+    if link.startswith("socket:"):
+        _check_socket(link)
         return open_serial(link), "cobs"
     port, _, query = link.removeprefix("serial:").removeprefix("//").partition("?")
     options = parse_qs(query, keep_blank_values=True)
@@ -53,3 +54,16 @@ def open_link(link: str, usb_backend: Any = None) -> tuple[Link, Framing]:
             f'[digitizer] link = "{link}": serial:PORT[?baud=N], socket://host:port or usb:VID:PID[:SERIAL]'
         )
     return open_serial(port, int(baud)), "cobs"
+
+
+def _check_socket(link: str) -> None:
+    try:
+        place = urlsplit(link)
+        whole = place.netloc and place.hostname and place.port
+    except ValueError:
+        whole = None
+    if not whole:
+        raise ConfigError(
+            f'[digitizer] link = "{link}": socket://host:port, with a port from 1 to 65535, '
+            "such as socket://127.0.0.1:5026"
+        )

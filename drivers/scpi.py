@@ -19,6 +19,7 @@ ANSWER_TIMEOUT_S = 2.0
 NO_ERROR = 0
 _ERRORS_AT_MOST = 64
 _READ_BYTES = 65536
+_SHOWN_BYTES = 40
 _FIELD = re.compile(r'(?:[^;"]|"[^"]*")+')
 _ERROR = re.compile(r'([+-]?\d+),"(.*)"', re.DOTALL)
 
@@ -143,9 +144,12 @@ class ScpiSession:
         # IEEE 488.2 wants *IDN? to be the last query of a message.
         self._write(f"*ESE {tag};*ESE?;*IDN?\n".encode("ascii"))
         deadline_s = self._clock.now_s() + ANSWER_TIMEOUT_S
-        fields = self._fields(deadline_s)
-        while _number(fields[0]) != tag or len(fields) != 2:
-            fields = self._fields(deadline_s)
+        fields: list[str] = []
+        try:
+            while len(fields) != 2 or _number(fields[0]) != tag:
+                fields = self._fields(deadline_s)
+        except LinkTimeout as error:
+            raise self._unnamed(fields, tag, error) from error
         if self.identity not in ("", fields[1]):
             raise InstrumentError(
                 f'{self._name}: the instrument was "{self.identity}" and now says "{fields[1]}"'
@@ -169,10 +173,29 @@ class ScpiSession:
         while b"\n" not in line:
             data = self._link.read(_READ_BYTES, max(0.0, deadline_s - self._clock.now_s()))
             if not data:
-                raise LinkTimeout(f"{self._name}: no answer in {ANSWER_TIMEOUT_S:g} s")
+                begun = f"; it began with {bytes(line[:_SHOWN_BYTES])!r}" if line else ""
+                raise LinkTimeout(
+                    f"{self._name}: no answer that ends with a line feed in {ANSWER_TIMEOUT_S:g} s{begun}"
+                )
             line += data
         line, _, self._rest = line.partition(b"\n")
         return _FIELD.findall(line.decode("latin-1").strip()) or [""]
+
+    def _unnamed(self, said: list[str], tag: int, silence: LinkTimeout) -> LinkError:
+        """Say why an instrument could not be identified: the last thing it said, or that it said nothing."""
+        if said:
+            answer = ";".join(said)
+            if _number(said[0]) is not None:
+                return StaleData(
+                    f"{self._name}: answer {answer!r} belongs to another question than number {tag}"
+                )
+            return CorruptData(
+                f"{self._name}: answers {answer!r} without our *ESE mark: to '*ESE {tag};*ESE?;*IDN?' "
+                f"it has to answer '{tag};' and its identity"
+            )
+        if self.identity:
+            return silence
+        return LinkTimeout(f"{silence}; is this the generator's address, and not the receiver's?")
 
     def _wrong(self, fields: list[str], tag: int) -> LinkError:
         said = ";".join(fields)

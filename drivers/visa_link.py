@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import select
+import socket
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -37,9 +39,8 @@ class VisaLink:
 
     Notes
     -----
-    A raw socket cannot be cleared and does not tell a closed link from a slow one: `clear` connects anew,
-    which does both, unless nothing was sent yet. An instrument that stalls for longer than a time-out may
-    still carry out what the old connection brought.
+    A raw socket cannot be cleared: `clear` connects anew, unless nothing was sent yet. An instrument that
+    stalls for longer than a time-out may still carry out what the old connection brought.
     """
 
     def __init__(self, address: str, library: Any = "") -> None:
@@ -103,7 +104,7 @@ class VisaLink:
         LinkClosed
             The instrument is gone.
         LinkError
-            The bus failed.
+            The bus failed, or the instrument closed the connection; `clear` connects anew.
         """
         resource = self._connected()
         try:
@@ -111,9 +112,11 @@ class VisaLink:
                 self._set_timeout(resource, timeout_s)
             return bytes(resource.read_raw(min(count, _CHUNK_BYTES)))
         except (OSError, self._pyvisa.errors.Error) as error:
-            if _status(error) == "error_timeout":
-                return b""
-            raise self._failed(error) from error
+            if _status(error) != "error_timeout":
+                raise self._failed(error) from error
+            if self._hung_up():
+                raise LinkError(f"{self._address}: the instrument closed the connection") from error
+            return b""
 
     def clear(self) -> None:
         """Drop what is on its way: by device clear, or else by a new connection.
@@ -146,6 +149,18 @@ class VisaLink:
         if resource is not None:
             with suppress(OSError, self._pyvisa.errors.Error):
                 resource.close()
+
+    def _hung_up(self) -> bool:
+        """Whether the other end closed a socket of pyvisa-py, which waits for it all the same."""
+        session = getattr(self._manager.visalib, "sessions", {}).get(self._resource.session)
+        line = getattr(session, "interface", None)
+        if not isinstance(line, socket.socket):
+            return False
+        try:
+            ready, _, _ = select.select([line], [], [], 0)
+            return bool(ready) and not line.recv(1, socket.MSG_PEEK)
+        except OSError:
+            return True
 
     def _set_timeout(self, resource: Any, timeout_s: float) -> None:
         resource.timeout = max(1, math.ceil(timeout_s * 1e3))

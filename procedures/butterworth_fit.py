@@ -9,7 +9,7 @@ high-pass enters by ``q = f_h**2``, which the gains determine nearly linearly an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -19,19 +19,23 @@ from belahil.butterworth import magnitude
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-Status = Literal["ok", "too_few_points", "cutoff_not_identified"]
+Status = Literal["ok", "too_few_points", "cutoff_not_identified", "order_not_identified"]
 Loss = Literal["linear", "soft_l1"]
 
 ORDERS = (1, 2, 3, 4, 5, 6)
 GRID_POINTS = 400
-HIGHPASS_SIGNIFICANCE = 3.0
-"""A high-pass counts as found when q exceeds this many of its standard uncertainties."""
+HIGHPASS_SIGNIFICANCE = 4.0
+"""A high-pass counts as found when q exceeds this many of its standard uncertainties. By chance that happens
+once in 30 000 fits, and a run has sixteen."""
 LOW_SPAN = 20.0
 """Ratio of highest to lowest frequency from which on a high-pass is fitted."""
 BIRGE_PROBABILITY = 1e-3
 """Below this chi-square probability the uncertainties are scaled by the Birge ratio (Birge 1932)."""
 IDENTIFIED = 0.2
 """Largest relative standard uncertainty of a cut-off that is still reported."""
+RIVAL = 9.0
+"""Another whole order fits as well when its chi square is larger by less than this (three standard
+deviations), times the Birge ratio."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +55,8 @@ class ButterworthFit:
     Parameters
     ----------
     status : str
-        "ok", "too_few_points" or "cutoff_not_identified"; numbers are for use with "ok" only, the gain also
-        with "cutoff_not_identified".
+        "ok", "too_few_points", "cutoff_not_identified", or "order_not_identified" where several whole orders
+        fit; `knows_gain` and `knows_cutoff` say which numbers are for use, the order is with "ok" only.
     gain, cutoff_hz, order, highpass_hz : float
         Pass-band gain (V/V), -3 dB frequencies, order; no high-pass: 0.
     gain_u, cutoff_u_hz, order_u, highpass_u_hz : float
@@ -75,6 +79,16 @@ class ButterworthFit:
     chi_square: float
     freedom: int
     _pull: NDArray[np.float64]
+
+    @property
+    def knows_gain(self) -> bool:
+        """Whether the gain may be used; the points may tell it without telling the cut-off."""
+        return self.knows_cutoff or 0 < self.gain_u <= IDENTIFIED * self.gain
+
+    @property
+    def knows_cutoff(self) -> bool:
+        """Whether the cut-off may be used; the orders that fit may agree on it."""
+        return self.status in ("ok", "order_not_identified")
 
     def shape(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return gain relative to the pass band, shape of `frequency_hz`."""
@@ -100,7 +114,7 @@ class FilterFits:
     Parameters
     ----------
     integer, free : ButterworthFit
-        The best whole order; a real order with its uncertainty.
+        The whole order that fits best; a real order with its uncertainty.
     chi_square_by_order : dict of int to float
         For every whole order tried.
     """
@@ -128,13 +142,40 @@ def fit_filter(
     Returns
     -------
     FilterFits
-        A status instead of numbers where the points cannot tell.
+        A status instead of numbers where the points cannot tell. Where another whole order fits as well, the
+        order is not identified and the difference counts as uncertainty; with more than 20 % in the cut-off,
+        that is not identified either.
     """
     tell = _can_tell_highpass(frequency_hz)
     whole = {order: _fit(frequency_hz, gain, gain_u, order, tell, loss) for order in ORDERS}
     best = min(ORDERS, key=lambda order: whole[order].chi_square)
     free = _fit(frequency_hz, gain, gain_u, None, tell, loss, start_order=float(best))
-    return FilterFits(whole[best], free, {order: one.chi_square for order, one in whole.items()})
+    integer = _against_rivals(whole[best], [one for order, one in whole.items() if order != best])
+    return FilterFits(integer, free, {order: one.chi_square for order, one in whole.items()})
+
+
+def fit_order(
+    frequency_hz: NDArray[np.float64], gain: NDArray[np.float64], gain_u: NDArray[np.float64], order: int
+) -> ButterworthFit:
+    """Fit a filter of given whole order; otherwise as `fit_filter`."""
+    return _fit(frequency_hz, gain, gain_u, order, _can_tell_highpass(frequency_hz), "linear")
+
+
+def _against_rivals(best: ButterworthFit, others: list[ButterworthFit]) -> ButterworthFit:
+    if best.status == "too_few_points" or best.freedom < 1:
+        return best
+    limit = best.chi_square + RIVAL * max(1.0, best.chi_square / best.freedom)
+    rivals = [one for one in others if one.chi_square < limit]
+    if not rivals:
+        return best
+    away = max(abs(one.cutoff_hz - best.cutoff_hz) for one in rivals)
+    known = all(one.status == "ok" for one in [best, *rivals]) and away <= IDENTIFIED * best.cutoff_hz
+    return replace(
+        best,
+        status="order_not_identified" if known else "cutoff_not_identified",
+        gain_u=math.hypot(best.gain_u, max(abs(one.gain - best.gain) for one in rivals)),
+        cutoff_u_hz=math.hypot(best.cutoff_u_hz, away),
+    )
 
 
 def _can_tell_highpass(frequency_hz: NDArray[np.float64]) -> bool:
@@ -170,29 +211,46 @@ def _fit(
     if highpass:
         start = np.append(start, 0.0)
     free = [True, True, order is None, highpass]
+    box = _box(frequency, gain)
 
     def misfit(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        return (_model(_whole(parameters, free, shape_order), frequency, lowest)[0] - gain) / gain_u
+        whole = np.clip(_whole(parameters, free, shape_order), *box)
+        return (_model(whole, frequency, lowest)[0] - gain) / gain_u
 
     def slopes(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        return (_model(_whole(parameters, free, shape_order), frequency, lowest)[1] / gain_u)[free].T
+        whole = _whole(parameters, free, shape_order)
+        inside = np.clip(whole, *box)
+        moving = (whole == inside)[:, None] / gain_u
+        rows: NDArray[np.float64] = (_model(inside, frequency, lowest)[1] * moving)[free]
+        return rows.T
 
-    low = np.full(start.size, -np.inf)
-    if highpass:
-        low[-1] = -0.5  # q may fall below zero by chance, but never so far that a gain would be infinite
     solved = least_squares(
         misfit,
         start,
         jac=slopes,
-        bounds=(low, np.inf),
+        method="lm" if loss == "linear" else "trf",
         loss=loss,
         x_scale="jac",
         xtol=1e-12,
         ftol=1e-12,
         gtol=1e-12,
     )
-    found = _whole(solved.x, free, shape_order)
+    whole = _whole(solved.x, free, shape_order)
+    found = np.clip(whole, *box)
+    if not np.array_equal(found, whole):
+        return _no_fit("cutoff_not_identified", frequency.size, math.exp(found[0]), 2 * float(solved.cost))
     return _described(found, free, frequency, gain, gain_u, lowest, 2 * float(solved.cost))
+
+
+def _box(
+    frequency: NDArray[np.float64], gain: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return limits of (ln G, ln f_c, ln order, q / lowest**2), far from all that points can tell."""
+    largest = math.log(max(float(gain.max()), 1e-300))
+    # q may fall below zero by chance, but never so far that a gain would be infinite.
+    low = [largest - 20, math.log(frequency.min() / 30), math.log(0.1), -0.75]
+    high = [largest + 60, math.log(frequency.max() * 30), math.log(20.0), 1e6]
+    return np.array(low), np.array(high)
 
 
 def _whole(parameters: NDArray[np.float64], free: list[bool], order: float) -> NDArray[np.float64]:
@@ -210,23 +268,26 @@ def _model(
     power = 2 * order * (np.log(frequency) - log_cutoff)
     share = np.exp(-np.logaddexp(0.0, -power))
     squared = (lowest / frequency) ** 2
-    gains = np.exp(log_gain - 0.5 * np.logaddexp(0.0, power)) / np.sqrt(1 + q * squared)
-    slopes = np.stack(
-        [np.ones_like(frequency), order * share, -0.5 * share * power, -0.5 * squared / (1 + q * squared)]
-    )
+    passed = 1 + q * squared
+    gains = np.exp(log_gain - 0.5 * np.logaddexp(0.0, power)) / np.sqrt(passed)
+    slopes = np.stack([np.ones_like(frequency), order * share, -0.5 * share * power, -0.5 * squared / passed])
     return gains, slopes * gains
 
 
 def _grid_start(
     frequency: NDArray[np.float64], gain: NDArray[np.float64], gain_u: NDArray[np.float64], order: float
 ) -> tuple[float, float]:
+    # Points of one frequency (there is one for each amplitude) act as their weighted mean.
+    frequencies, which = np.unique(frequency, return_inverse=True)
+    weight = (gain_u.min() / gain_u) ** 2
+    weights, products = np.bincount(which, weight), np.bincount(which, weight * gain)
     cutoffs = np.geomspace(frequency.min() / 4, frequency.max() * 8, GRID_POINTS)
-    power = 2 * order * (np.log(frequency)[None, :] - np.log(cutoffs)[:, None])
-    shapes = np.exp(-0.5 * np.logaddexp(0.0, power)) / gain_u
-    gains = shapes @ (gain / gain_u) / np.sum(shapes**2, axis=1)
-    misfit = np.sum((gains[:, None] * shapes - gain / gain_u) ** 2, axis=1)
-    best = int(np.argmin(np.where(gains > 0, misfit, np.inf)))
-    return max(float(gains[best]), 1e-300), float(cutoffs[best])
+    power = 2 * order * (np.log(frequencies)[None, :] - np.log(cutoffs)[:, None])
+    shapes = np.exp(-0.5 * np.logaddexp(0.0, power))
+    along, size = shapes @ products, shapes**2 @ weights
+    # The best gain of each cut-off takes along**2 / size off the sum of squares.
+    best = int(np.argmax(np.where(along > 0, along**2 / size, -1.0)))
+    return max(float(along[best] / size[best]), 1e-300), float(cutoffs[best])
 
 
 def _described(

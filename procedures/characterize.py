@@ -18,7 +18,7 @@ from belahil.outcome import Outcome
 from belahil.stimuli import NoSignal, Sine, Stimulus
 from belahil.values import Shot, WindowRequest
 from procedures.coherent import default_frequencies
-from procedures.noise import gain_codes
+from procedures.noise import gain_codes, window_length
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 
 if TYPE_CHECKING:
@@ -72,8 +72,8 @@ class GainPlan:
         Gain codes; a single None for a receiver without them.
     amplitudes_vpp, frequencies_hz : tuple of float
         Volts at the cut, Hz.
-    dark_windows, sample_count, converters : int
-        Windows a code, samples a window, interleaved converters.
+    dark_windows, sample_count, converters, bits : int
+        Windows a code, samples a window, interleaved converters and their resolution.
     """
 
     codes: tuple[int | None, ...]
@@ -82,6 +82,7 @@ class GainPlan:
     dark_windows: int
     sample_count: int
     converters: int
+    bits: int
 
     @property
     def shots(self) -> tuple[PlannedShot, ...]:
@@ -109,23 +110,26 @@ def plan(bench: Bench, options: GainOptions) -> GainPlan:
     Raises
     ------
     LimitExceeded
-        A gain code, frequency or amplitude that receiver or generator does not have.
+        A gain code, frequency or amplitude that receiver or generator does not have, or a receiver whose
+        windows are too short.
     InterlockRefused
         An amplitude over ``max_vpp``.
     """
     spec = bench.spec
+    sample_count = window_length(spec)
     frequencies = options.frequencies_hz
     if frequencies is None:
         frequencies = default_frequencies(
-            spec.sample_rate_hz, spec.max_sample_count, bench.generator_model.max_sine_hz, FREQUENCY_COUNT
+            spec.sample_rate_hz, sample_count, bench.generator_model.max_sine_hz, FREQUENCY_COUNT
         )
     made = GainPlan(
         codes=gain_codes(spec.gain_codes, options.codes),
         amplitudes_vpp=tuple(dict.fromkeys(options.amplitudes_vpp)),
         frequencies_hz=tuple(dict.fromkeys(frequencies)),
         dark_windows=options.dark_windows,
-        sample_count=spec.max_sample_count,
+        sample_count=sample_count,
         converters=spec.converters,
+        bits=spec.bits,
     )
     check_all(bench, made.shots)
     return made

@@ -28,8 +28,11 @@ if TYPE_CHECKING:
 Status = Literal["ok", "clipped", "below_dither", "no_signal"]
 
 SEGMENT = 256
-LEAST_SIGMA_COUNTS = 0.3
-"""Below this many codes of noise the histogram holds too few codes to tell its width."""
+LEAST_SAMPLES = 2 * SEGMENT
+"""Shortest window of which a spectrum can be averaged."""
+LEAST_SIGMA_COUNTS = 0.27
+"""Below some 0.3 codes of noise a histogram may hold two codes only, which do not tell its width. The limit
+is five standard deviations lower, so that chance does not select among windows with 0.3 codes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,14 +97,16 @@ def dark_noise(windows: Sequence[RangeWindow], converters: int = 2) -> DarkNoise
     if fit is None:
         return answer("no_signal" if total == 0 else "below_dither", None, None)
     sigma, means, information = fit
+    if sigma < LEAST_SIGMA_COUNTS:
+        # Nor does it tell the means: a mean between two codes is known only by the noise that reaches both.
+        return answer("below_dither", None, None)
     # The likelihood counts every sample as independent; coloured noise has `effective` of them.
     sigma_u = math.sqrt(count / effective / information)
     offset = None
     if converters == 2:
         offset_u = math.sqrt(_line_density(density) / windows[0].sample_interval_s / 2 / count) * 2
         offset = Estimate(scale * float(means[0] - means[1]), scale * offset_u, "V")
-    status: Status = "ok" if sigma >= LEAST_SIGMA_COUNTS else "below_dither"
-    return answer(status, Estimate(scale * sigma, scale * sigma_u, "V") if status == "ok" else None, offset)
+    return answer("ok", Estimate(scale * sigma, scale * sigma_u, "V"), offset)
 
 
 def _check(windows: Sequence[RangeWindow]) -> None:
@@ -110,9 +115,9 @@ def _check(windows: Sequence[RangeWindow]) -> None:
     scales = {(one.volts_per_count, one.sample_interval_s, one.counts.size) for one in windows}
     if len(scales) > 1:
         raise RefusedInput(f"dark windows of {len(scales)} different scales or lengths: they must be alike")
-    if windows[0].counts.size < 2 * SEGMENT:
+    if windows[0].counts.size < LEAST_SAMPLES:
         raise RefusedInput(
-            f"dark windows of {windows[0].counts.size} samples: at least {2 * SEGMENT} are needed"
+            f"dark windows of {windows[0].counts.size} samples: at least {LEAST_SAMPLES} are needed"
         )
 
 
@@ -162,7 +167,9 @@ def _grouped_fit(
     histogram = np.zeros((converters, top))
     for one in counts:
         for converter in range(converters):
-            histogram[converter] += np.bincount(one[converter::converters] - lowest, minlength=top)
+            # int16 does not hold every difference of two counts.
+            above = one[converter::converters].astype(np.intp) - lowest
+            histogram[converter] += np.bincount(above, minlength=top)
     codes = np.arange(top, dtype=np.float64)
     number = histogram.sum(axis=1)
     means = histogram @ codes / number

@@ -1,4 +1,7 @@
-"""Figures of a characterization, after those of Nishiyama et al., appendix C."""
+"""Figures of a characterization, after those of Nishiyama et al., appendix C.
+
+Their margins are given: to find them from the labels takes as long as to draw all three.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from procedures.butterworth_fit import ButterworthFit
     from procedures.gain_results import Characterization, CodeResult
 
 # Okabe and Ito (2008): told apart by colour-blind readers and in grey.
@@ -20,14 +24,18 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 def gain_figure(found: Characterization) -> Figure:
     """Draw gain against frequency with fits, gain and noise by code, and input noise by code."""
-    figure = Figure(figsize=(11.5, 4.0), layout="constrained")
+    figure = Figure(figsize=(11.5, 4.0))
     figure.set_label(
         "Left: gain against frequency at the shown gain code, one colour for each amplitude at the cut, with "
         "the fitted Butterworth filter (line) and the fits of all other codes scaled to the same gain "
         "(grey). Middle: gain and noise at the converter against gain code. Right: noise divided by "
         "gain; its least value marks the best code. Bars show two standard uncertainties."
     )
-    left, middle, right = figure.subplots(1, 3)
+    # Left edge and width; the middle one has a second scale at its right.
+    left, middle, right = (
+        figure.add_axes((edge, 0.125, width, 0.81))
+        for edge, width in ((0.055, 0.255), (0.365, 0.255), (0.738, 0.252))
+    )
     _gain_against_frequency(left, found)
     _gain_and_noise(middle, found)
     _input_noise(right, found)
@@ -43,26 +51,20 @@ def _megahertz(axes: Axes) -> None:
 
 
 def _shown(found: Characterization) -> CodeResult | None:
-    fitted = [one for one in found.codes if one.fit is not None]
-    return next((one for one in fitted if one.code == found.best_code), fitted[0] if fitted else None)
+    known = [one for one in found.codes if one.gain is not None]
+    chosen = [one for one in known if one.fit is not None] or known
+    return next((one for one in chosen if one.code == found.best_code), chosen[0] if chosen else None)
 
 
 def _gain_against_frequency(axes: Axes, found: Characterization) -> None:
     _megahertz(axes)
     axes.set_ylabel("gain, V/V")
     shown = _shown(found)
-    if shown is None or shown.fit is None:
+    if shown is None:
         axes.text(0.5, 0.5, "no usable point", transform=axes.transAxes, ha="center")
         return
-    frequencies = np.geomspace(
-        found.points.frequency_hz.min() / 1.3, found.points.frequency_hz.max() * 1.3, 400
-    )
-    for other in found.codes:
-        if other.fit is not None and other is not shown:
-            axes.plot(
-                frequencies / 1e6, shown.fit.gain * other.fit.shape(frequencies), color="0.82", lw=2, zorder=1
-            )
-    axes.plot(frequencies / 1e6, shown.fit.gain * shown.fit.shape(frequencies), color="k", lw=1.2, zorder=3)
+    if shown.fit is not None:
+        _filters(axes, found, shown.fit)
     for number, amplitude in enumerate(np.unique(found.points.amplitude_vpp)):
         mine = found.points.chosen(shown.code, float(amplitude)) & found.points.usable
         axes.errorbar(
@@ -77,8 +79,27 @@ def _gain_against_frequency(axes: Axes, found: Characterization) -> None:
             zorder=2,
         )
     axes.set_ylim(bottom=0)
+    order = _order_text(shown.fit)
     code = "" if shown.code is None else f"gain code {shown.code}, "
-    axes.legend(fontsize=8, loc="lower left", title=f"{code}order {shown.fit.order:g}", title_fontsize=8)
+    axes.legend(fontsize=8, loc="lower left", title=code + order, title_fontsize=8)
+
+
+def _order_text(fit: ButterworthFit | None) -> str:
+    if fit is None:
+        return "cut-off unknown"
+    return f"order {fit.order:g}" if fit.status == "ok" else "order unknown"
+
+
+def _filters(axes: Axes, found: Characterization, shown: ButterworthFit) -> None:
+    """Draw the fitted filter, and those of the other codes scaled to its gain."""
+    measured = found.points.frequency_hz
+    frequencies = np.geomspace(measured.min() / 1.3, measured.max() * 1.3, 400)
+    for other in found.codes:
+        if other.fit is not None and other.fit is not shown:
+            axes.plot(
+                frequencies / 1e6, shown.gain * other.fit.shape(frequencies), color="0.82", lw=2, zorder=1
+            )
+    axes.plot(frequencies / 1e6, shown.gain * shown.shape(frequencies), color="k", lw=1.2, zorder=3)
 
 
 def _positions(found: Characterization) -> np.ndarray:
@@ -154,24 +175,24 @@ def _input_noise(axes: Axes, found: Characterization) -> None:
 
 def estimator_figure(found: Characterization) -> Figure:
     """Draw pass-band gain against amplitude for the sine fit beside RMS and peak-to-peak estimators."""
-    figure = Figure(figsize=(6.5, 4.0), layout="constrained")
+    figure = Figure(figsize=(6.5, 4.0))
     figure.set_label(
         "Pass-band gain against amplitude at the cut, relative to the gain from the fit over all "
         "amplitudes, by three estimators from the same windows. Where only the RMS and peak-to-peak "
         "gains rise at small amplitudes, the rise belongs to the estimator and not to the receiver."
     )
-    axes = figure.subplots()
+    axes = figure.subplots(gridspec_kw={"left": 0.12, "right": 0.98, "bottom": 0.13, "top": 0.97})
     shown = _shown(found)
     rows = [] if shown is None else [row for row in found.small_signal if row.code == shown.code]
-    if shown is None or shown.fit is None or not rows:
+    if shown is None or shown.gain is None or not rows:
         axes.text(0.5, 0.5, "no usable point", transform=axes.transAxes, ha="center")
         return figure
     amplitude = np.array([row.amplitude_vpp for row in rows]) * 1e3
     for number, (name, label) in enumerate(
         (("sine_fit", "sine fit"), ("rms", "RMS √2"), ("peak_to_peak", "peak to peak"))
     ):
-        value = np.array([getattr(row, name) for row in rows]) / shown.fit.gain
-        spread = np.array([row.sine_fit_u for row in rows]) / shown.fit.gain if name == "sine_fit" else None
+        value = np.array([getattr(row, name) for row in rows]) / shown.gain.value
+        spread = np.array([row.sine_fit_u for row in rows]) / shown.gain.value if name == "sine_fit" else None
         axes.errorbar(
             amplitude,
             value,
@@ -203,13 +224,13 @@ def _within(axes: Axes, value: float) -> bool:
 
 def residual_figure(found: Characterization) -> Figure:
     """Draw what the fits leave over, in standard uncertainties, for all codes and amplitudes."""
-    figure = Figure(figsize=(6.5, 3.6), layout="constrained")
+    figure = Figure(figsize=(6.5, 3.6))
     figure.set_label(
         "Residuals of all usable points from the fit of their gain code, in their statistical standard "
         "uncertainties. A pattern in frequency points to another filter shape or to the generator's "
         "flatness; a colour that stands apart points to an amplitude error."
     )
-    axes = figure.subplots()
+    axes = figure.subplots(gridspec_kw={"left": 0.1, "right": 0.985, "bottom": 0.14, "top": 0.89})
     points = found.points
     expected = np.full(points.gain.shape, np.nan)
     for one in found.codes:
@@ -231,5 +252,5 @@ def residual_figure(found: Characterization) -> Figure:
     _megahertz(axes)
     axes.set_ylabel("residual / standard uncertainty")
     if axes.lines:
-        axes.legend(fontsize=8, ncols=5, loc="upper center", bbox_to_anchor=(0.5, -0.16), frameon=False)
+        axes.legend(fontsize=8, ncols=5, loc="upper center", bbox_to_anchor=(0.5, 1.16), frameon=False)
     return figure

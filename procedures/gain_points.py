@@ -11,6 +11,7 @@ import numpy as np
 
 from belahil.stimuli import Sine
 from belahil.values import Estimate, RangeWindow, Shot
+from procedures.clipping import with_clipping
 from procedures.dark_noise import DarkNoise, dark_noise
 from procedures.sine_fit import (
     SineFit,
@@ -19,6 +20,7 @@ from procedures.sine_fit import (
     amplitude_from_rms,
 )
 from procedures.sine_frequency import common_clock
+from procedures.sine_noise import Leftover, noise_beside_sines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,6 +37,8 @@ class Points:
 
     Parameters
     ----------
+    shot : ndarray of int
+        Index in the plan.
     code : ndarray of int
         -1 for a receiver without gain codes.
     amplitude_vpp, frequency_hz, played_vpp : ndarray of float
@@ -45,6 +49,7 @@ class Points:
         "ok", or why the row is not used.
     """
 
+    shot: NDArray[np.int64]
     code: NDArray[np.int64]
     amplitude_vpp: NDArray[np.float64]
     frequency_hz: NDArray[np.float64]
@@ -96,12 +101,15 @@ class WindowReadings:
         One clock error for the whole sweep; above zero the receiver's clock is fast.
     interleave : Interleave
         From all windows.
+    beside_sines : dict of (int or None) to Estimate
+        Noise of the gain codes whose dark windows have too little of it, from what the sine fits leave.
     """
 
     points: Points
     dark: dict[int | None, DarkNoise]
     clock_ppm: Estimate | None
     interleave: Interleave
+    beside_sines: dict[int | None, Estimate]
 
 
 def read_windows(plan: GainPlan, shots: Iterable[Shot]) -> WindowReadings:
@@ -119,13 +127,21 @@ def read_windows(plan: GainPlan, shots: Iterable[Shot]) -> WindowReadings:
     dark: dict[int | None, list[RangeWindow]] = {code: [] for code in plan.codes}
     sines = []
     plans: dict[float, SinePlan] = {}
-    for shot in kept:
+    for shot in (with_clipping(one, plan.bits) for one in kept):
         if isinstance(shot.played, Sine):
             sines.append(_read_sine(plan, shot, clock, plans))
         else:
             dark[shot.window.gain_code].append(shot.window)
     noise = {code: dark_noise(windows, plan.converters) for code, windows in dark.items()}
-    return WindowReadings(_points(plan, sines), noise, clock, _interleave([one.fit for one in sines], noise))
+    return WindowReadings(
+        _points(plan, sines),
+        noise,
+        clock,
+        _interleave([one.fit for one in sines], noise),
+        _beside_sines(
+            sines, [code for code, one in noise.items() if one.status in ("below_dither", "no_signal")]
+        ),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +150,7 @@ class _Reading:
     code: int | None
     played: Sine
     fit: SineFit
+    volts_per_count: float
     rms_v: float
     peak_v: float
 
@@ -159,8 +176,9 @@ def _read_sine(plan: GainPlan, shot: Shot, clock: Estimate | None, plans: dict[f
         window.gain_code,
         played,
         fit,
+        window.volts_per_count,
         amplitude_from_rms(volts),
-        amplitude_from_peak_to_peak(volts),
+        amplitude_from_peak_to_peak(window.counts) * window.volts_per_count,
     )
 
 
@@ -174,6 +192,7 @@ def _points(plan: GainPlan, sines: list[_Reading]) -> Points:
 
     usable = [one.fit.usable for one in sines]
     return Points(
+        shot=np.array([one.shot for one in sines], np.int64),
         code=np.array([-1 if one.code is None else one.code for one in sines]),
         amplitude_vpp=np.array([one.amplitude_vpp for one in wanted if isinstance(one, Sine)]),
         frequency_hz=np.array([one.played.frequency_hz for one in sines]),
@@ -199,6 +218,25 @@ def _interleave(fits: list[SineFit], dark: dict[int | None, DarkNoise]) -> Inter
         weighted_mean(offsets),
         weighted_mean([one.skew for one in usable]),
     )
+
+
+def _beside_sines(sines: list[_Reading], codes: list[int | None]) -> dict[int | None, Estimate]:
+    found = {}
+    for code in codes:
+        mine = [one for one in sines if one.code == code and one.fit.usable]
+        noise = noise_beside_sines(
+            [
+                Leftover(
+                    one.fit.amplitude.value / one.volts_per_count,
+                    (one.fit.noise_rms_v / one.volts_per_count) ** 2,
+                )
+                for one in mine
+            ]
+        )
+        if noise is not None:
+            scale = mine[0].volts_per_count
+            found[code] = Estimate(scale * noise.value, scale * noise.standard_uncertainty, "V")
+    return found
 
 
 def weighted_mean(estimates: Iterable[Estimate | None]) -> Estimate | None:
@@ -229,7 +267,8 @@ def _clock_strength(shot: Shot) -> float:
 
 def _clock(plan: GainPlan, shots: Iterable[Shot]) -> Estimate | None:
     """Return the clock error in ppm from the records that tell most of it; None when there is none."""
-    strongest = nlargest(CLOCK_RECORDS, (one for one in shots if _shows_a_sine(one)), key=_clock_strength)
+    whole = (one for one in shots if _shows_a_sine(with_clipping(one, plan.bits)))
+    strongest = nlargest(CLOCK_RECORDS, whole, key=_clock_strength)
     records = sorted(strongest, key=lambda one: one.window.shot)
     if not records:
         return None

@@ -11,6 +11,7 @@ import numpy as np
 from belahil.outcome import BudgetLine
 from belahil.values import Estimate
 from procedures.butterworth_fit import ButterworthFit, FilterFits, fit_filter
+from procedures.gain_amplitudes import AmplitudeRow, Linearity, amplitude_rows, between_amplitudes, linearity
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,8 +19,7 @@ if TYPE_CHECKING:
     from belahil.config import GeneratorUncertainty
     from procedures.gain_points import Interleave, Points, WindowReadings
 
-PASS_BAND = 0.5
-"""Highest frequency of the pass band as a part of the cut-off: the filter takes less than 1 % there."""
+BETWEEN_AMPLITUDES = "difference between amplitudes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +31,19 @@ class CodeResult:
     code : int or None
         The gain code.
     status : str
-        "ok", "no_usable_point", "cutoff_not_identified", or the status of the dark windows.
+        "ok", "no_usable_point", that of the fit, or that of the dark windows.
     fit : ButterworthFit or None
-        Of integer order, over all usable amplitudes.
+        Of integer order, over all usable amplitudes; None where the cut-off is unknown.
     gain, cutoff, highpass, order_free : Estimate or None
         With combined standard uncertainties.
     noise, noise_total, input_noise : Estimate or None
         At the converter without and with quantization and lines; referred to the cut.
+    noise_is_hidden : bool
+        The noise is too small for the steps of the converter.
+    linearity : Linearity or None
+        Whether the gains at all amplitudes are one number.
+    amplitudes : tuple of AmplitudeRow
+        Those gains.
     """
 
     code: int | None
@@ -50,19 +56,9 @@ class CodeResult:
     noise: Estimate | None
     noise_total: Estimate | None
     input_noise: Estimate | None
-
-
-@dataclass(frozen=True, slots=True)
-class AmplitudeRow:
-    """Pass-band gain at one amplitude by three estimators, V/V."""
-
-    code: int | None
-    amplitude_vpp: float
-    sine_fit: float
-    sine_fit_u: float
-    rms: float
-    peak_to_peak: float
-    count: int
+    noise_is_hidden: bool
+    linearity: Linearity | None
+    amplitudes: tuple[AmplitudeRow, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,11 +67,15 @@ class Characterization:
 
     points: Points
     codes: tuple[CodeResult, ...]
-    small_signal: tuple[AmplitudeRow, ...]
     best_code: int | None
     clock_ppm: Estimate | None
     interleave: Interleave
     budget: tuple[BudgetLine, ...]
+
+    @property
+    def small_signal(self) -> tuple[AmplitudeRow, ...]:
+        """Gains by amplitude of all codes."""
+        return tuple(row for one in self.codes for row in one.amplitudes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +147,6 @@ def characterization(
     return Characterization(
         points=points,
         codes=tuple(results),
-        small_signal=tuple(row for one in results for row in _amplitude_rows(one, points)),
         best_code=best_code(results),
         clock_ppm=readings.clock_ppm,
         interleave=readings.interleave,
@@ -156,7 +155,13 @@ def characterization(
 
 
 def best_code(results: list[CodeResult]) -> int | None:
-    """Return the gain code of least input-referred noise; None when there is none to compare."""
+    """Return the gain code of least input-referred noise; None when nobody can tell.
+
+    That is so when there is none to compare, and when the noise of a code is hidden by the converter's steps:
+    just that one may be the best.
+    """
+    if any(one.gain is not None and one.noise_is_hidden for one in results):
+        return None
     found = [(one.input_noise.value, one.code) for one in results if one.input_noise is not None]
     return min(found)[1] if found and found[0][1] is not None else None
 
@@ -170,51 +175,62 @@ def _code_result(
     fits = None
     if np.any(mine):
         fits = fit_filter(points.frequency_hz[mine], points.gain[mine], points.gain_u[mine])
+    rows: tuple[AmplitudeRow, ...] = ()
+    between = 0.0, 0.0
+    if fits is not None and fits.integer.knows_gain:
+        declared = np.sqrt(sum((one.relative**2 for one in shifts), np.zeros(mine.shape)))
+        rows = amplitude_rows(code, fits.integer, points, declared)
+        if not linearity(rows).is_linear:
+            between = between_amplitudes(fits.integer, points, mine)
     gain, cutoff, highpass, order, budget = _filter_numbers(
-        fits, [(one.source, one.relative[mine]) for one in shifts], name
+        fits, [(one.source, one.relative[mine]) for one in shifts], between, name
     )
+    noise = dark.rms or readings.beside_sines.get(code)
     input_noise = None
-    if gain is not None and dark.rms is not None and gain.value > 0:
-        ratio = dark.rms.value / gain.value
+    if gain is not None and noise is not None and gain.value > 0:
+        ratio = noise.value / gain.value
         relative = math.hypot(
-            dark.rms.standard_uncertainty / dark.rms.value, gain.standard_uncertainty / gain.value
+            noise.standard_uncertainty / noise.value, gain.standard_uncertainty / gain.value
         )
         input_noise = Estimate(ratio, ratio * relative, "V")
     status: str = "no_usable_point" if fits is None else fits.integer.status
-    if status == "ok" and dark.status != "ok":
+    if status == "ok" and noise is None:
         status = f"noise_{dark.status}"
     result = CodeResult(
         code=code,
         status=status,
-        fit=fits.integer if fits is not None and fits.integer.status == "ok" else None,
+        fit=fits.integer if fits is not None and fits.integer.knows_cutoff else None,
         gain=gain,
         cutoff=cutoff,
         highpass=highpass,
         order_free=order,
-        noise=dark.rms,
+        noise=noise,
         noise_total=dark.rms_total,
         input_noise=input_noise,
+        noise_is_hidden=noise is None and dark.status in ("below_dither", "no_signal"),
+        linearity=linearity(rows) if rows else None,
+        amplitudes=rows,
     )
     return result, budget
 
 
 def _filter_numbers(
-    fits: FilterFits | None, shifts: list[tuple[str, NDArray[np.float64]]], name: str
+    fits: FilterFits | None,
+    shifts: list[tuple[str, NDArray[np.float64]]],
+    between: tuple[float, float],
+    name: str,
 ) -> tuple[Estimate | None, Estimate | None, Estimate | None, Estimate | None, list[BudgetLine]]:
-    if fits is None or fits.integer.status != "ok":
+    if fits is None or not fits.integer.knows_gain:
         return None, None, None, None, []
     whole, free = fits.integer, fits.free
     moved = [(source, whole.shifts(relative)) for source, relative in shifts]
-    gain, lines = _combined(
-        f"gain{name}", whole.gain, whole.gain_u, [(source, one.gain) for source, one in moved], "1"
-    )
-    cutoff, more = _combined(
-        f"cut-off{name}",
-        whole.cutoff_hz,
-        whole.cutoff_u_hz,
-        [(source, one.cutoff_hz) for source, one in moved],
-        "Hz",
-    )
+    gain_between, cutoff_between = ([(BETWEEN_AMPLITUDES, one)] if one else [] for one in between)
+    terms = [(source, one.gain) for source, one in moved] + gain_between
+    gain, lines = _combined(f"gain{name}", whole.gain, whole.gain_u, terms, "1")
+    if not whole.knows_cutoff:
+        return gain, None, None, None, lines
+    terms = [(source, one.cutoff_hz) for source, one in moved] + cutoff_between
+    cutoff, more = _combined(f"cut-off{name}", whole.cutoff_hz, whole.cutoff_u_hz, terms, "Hz")
     highpass = order = None
     if whole.highpass_hz:
         terms = [(source, one.highpass_hz) for source, one in moved]
@@ -236,29 +252,3 @@ def _combined(
         for source, part in parts
     ]
     return Estimate(value, math.sqrt(variance), unit), sorted(lines, key=lambda one: -one.value)
-
-
-def _amplitude_rows(result: CodeResult, points: Points) -> list[AmplitudeRow]:
-    """Average the pass band of each amplitude, filter taken out, by all three estimators."""
-    if result.fit is None:
-        return []
-    rows = []
-    for amplitude in np.unique(points.amplitude_vpp):
-        mine = points.chosen(result.code, float(amplitude)) & points.usable
-        mine &= points.frequency_hz < PASS_BAND * result.fit.cutoff_hz
-        if not np.any(mine):
-            continue
-        shape = result.fit.shape(points.frequency_hz[mine])
-        weight = (shape / points.gain_u[mine]) ** 2
-        rows.append(
-            AmplitudeRow(
-                result.code,
-                float(amplitude),
-                float(np.average(points.gain[mine] / shape, weights=weight)),
-                float(weight.sum() ** -0.5),
-                float(np.average(points.gain_rms[mine] / shape, weights=weight)),
-                float(np.average(points.gain_peak[mine] / shape, weights=weight)),
-                int(np.count_nonzero(mine)),
-            )
-        )
-    return rows

@@ -17,7 +17,8 @@ from belahil.errors import LimitExceeded, RefusedInput
 from belahil.outcome import Outcome, Table
 from belahil.stimuli import NoSignal
 from belahil.values import Estimate, RangeWindow, Shot, WindowRequest
-from procedures.dark_noise import DarkNoise, dark_noise
+from procedures.clipping import with_clipping
+from procedures.dark_noise import LEAST_SAMPLES, DarkNoise, dark_noise
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
     from belahil.bench import Bench
     from belahil.config import BenchConfig
+    from belahil.receiver import DigitizerSpec
 
 DARK_WINDOWS = 16
 
@@ -61,14 +63,15 @@ class NoisePlan:
     ----------
     codes : tuple of (int or None)
         Gain codes; a single None for a receiver without them.
-    dark_windows, sample_count, converters : int
-        Windows a code, samples a window, interleaved converters.
+    dark_windows, sample_count, converters, bits : int
+        Windows a code, samples a window, interleaved converters and their resolution.
     """
 
     codes: tuple[int | None, ...]
     dark_windows: int
     sample_count: int
     converters: int
+    bits: int
 
     @property
     def shots(self) -> tuple[PlannedShot, ...]:
@@ -90,14 +93,15 @@ def plan(bench: Bench, options: NoiseOptions) -> NoisePlan:
     Raises
     ------
     LimitExceeded
-        A gain code that the receiver does not have.
+        A gain code that the receiver does not have, or a receiver whose windows are too short.
     """
     spec = bench.spec
     made = NoisePlan(
         codes=gain_codes(spec.gain_codes, options.codes),
         dark_windows=options.dark_windows,
-        sample_count=spec.max_sample_count,
+        sample_count=window_length(spec),
         converters=spec.converters,
+        bits=spec.bits,
     )
     check_all(bench, made.shots)
     return made
@@ -116,6 +120,22 @@ def gain_codes(known: tuple[int, ...] | None, wanted: tuple[int, ...] | None) ->
             raise LimitExceeded(f"gain codes {', '.join(map(str, wanted))}: this receiver has no gain codes")
         return (None,)
     return tuple(dict.fromkeys(known if wanted is None else wanted))
+
+
+def window_length(spec: DigitizerSpec) -> int:
+    """Return how many samples to ask for: the receiver's longest window.
+
+    Raises
+    ------
+    LimitExceeded
+        That is too short for a noise spectrum.
+    """
+    if spec.max_sample_count < LEAST_SAMPLES:
+        raise LimitExceeded(
+            f"the receiver's longest window has {spec.max_sample_count} samples: "
+            f"at least {LEAST_SAMPLES} are needed"
+        )
+    return spec.max_sample_count
 
 
 def measure(
@@ -139,7 +159,7 @@ def analyse(plan: NoisePlan, shots: Iterable[Shot], config: BenchConfig) -> Outc
     """
     windows: dict[int | None, list[RangeWindow]] = {code: [] for code in plan.codes}
     for shot in shots:
-        windows[shot.window.gain_code].append(shot.window)
+        windows[shot.window.gain_code].append(with_clipping(shot, plan.bits).window)
     found = {code: dark_noise(ones, plan.converters) for code, ones in windows.items()}
     return Outcome(
         results={
@@ -158,8 +178,7 @@ def analyse(plan: NoisePlan, shots: Iterable[Shot], config: BenchConfig) -> Outc
         tables=_tables(found),
         figures={"noise": lambda: _figure(found)},
         notes=[
-            "noise_rms is the analog noise at the converter; quantization, converter offsets and the "
-            "interleave line are taken out. noise_rms_total is the raw value.",
+            noise_note(plan.converters),
             "Not modelled: noise that is not stationary, and lines other than the interleave line; the "
             "spectrum shows them.",
         ],
@@ -168,6 +187,19 @@ def analyse(plan: NoisePlan, shots: Iterable[Shot], config: BenchConfig) -> Outc
                 ("all" if code is None else f"code {code}", one.rms) for code, one in found.items()
             ]
         },
+    )
+
+
+def noise_note(converters: int) -> str:
+    """Say what the two noises of a receiver with so many converters are."""
+    taken_out = (
+        "quantization and the converter's offset are"
+        if converters == 1
+        else "quantization, the converters' offsets and the interleave line are"
+    )
+    return (
+        f"noise_rms is the analog noise at the converter; {taken_out} taken out. "
+        "noise_rms_total is the raw value."
     )
 
 
@@ -182,22 +214,25 @@ def _tables(found: dict[int | None, DarkNoise]) -> dict[str, Table]:
     rms_u = np.array([one.rms.standard_uncertainty if one.rms else 0.0 for one in ones])
     codes = {
         "code": (np.array([-1 if code is None else code for code in found]), "1", "gain code"),
-        "noise_rms": (np.ma.masked_array(rms, ~known), "V", "analog noise at the converter, rms"),
-        "noise_rms_u": (np.ma.masked_array(rms_u, ~known), "V", "its standard uncertainty"),
-        "noise_rms_total": (np.array([one.rms_total.value for one in ones]), "V", "raw noise, rms"),
-        "noise_status": (np.array([one.status for one in ones]), "1", "ok, or what is missing"),
+        "code_noise": (np.ma.masked_array(rms, ~known), "V", "analog noise at the converter, rms"),
+        "code_noise_u": (np.ma.masked_array(rms_u, ~known), "V", "its standard uncertainty"),
+        "code_noise_total": (np.array([one.rms_total.value for one in ones]), "V", "raw noise, rms"),
+        "code_noise_status": (np.array([one.status for one in ones]), "1", "ok, or what is missing"),
     }
-    return {"codes": Table(codes, "gain_code_row"), "spectrum": spectrum_table(found)}
+    return {"codes": Table(codes, "code"), **spectrum_tables(found)}
 
 
-def spectrum_table(found: dict[int | None, DarkNoise]) -> Table:
-    """Return the noise spectra of all codes as a table for the data file."""
+def spectrum_tables(found: dict[int | None, DarkNoise]) -> dict[str, Table]:
+    """Return frequencies and noise densities by code as tables for the data file."""
     frequency_hz = next(iter(found.values())).frequency_hz
-    columns = {"noise_frequency": (frequency_hz, "Hz", "frequency")}
-    for code, one in found.items():
-        name = "noise_density" if code is None else f"noise_density_code_{code}"
-        columns[name] = (one.density_v2_per_hz, "V2 Hz-1", "one-sided noise density at the converter")
-    return Table(columns, "noise_frequency")
+    density = np.stack([one.density_v2_per_hz for one in found.values()])
+    words = "one-sided noise density at the converter"
+    return {
+        "noise_frequency": Table(
+            {"noise_frequency": (frequency_hz, "Hz", "frequency of noise_density")}, "noise_frequency"
+        ),
+        "noise_density": Table({"noise_density": (density, "V2 Hz-1", words)}, "code", "noise_frequency"),
+    }
 
 
 def _figure(found: dict[int | None, DarkNoise]) -> Figure:

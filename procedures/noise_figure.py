@@ -18,7 +18,8 @@ def noise_figure(found: dict[int | None, DarkNoise]) -> Figure:
     figure = Figure(figsize=(9.5, 4.0), layout="constrained")
     figure.set_label(
         "Left: analog noise at the converter by gain code (bars: two standard uncertainties) and the raw "
-        "value with quantization. Right: one-sided noise density at the converter, one line for each code."
+        "value, with quantization and converter offsets. Right: one-sided noise density at the converter, "
+        "one line for each code."
     )
     left, right = figure.subplots(1, 2)
     codes = [0 if code is None else code for code in found]

@@ -75,6 +75,10 @@ def check_all(bench: Bench, shots: tuple[PlannedShot, ...]) -> None:
     LimitExceeded, InterlockRefused
         For the first shot that generator, receiver or interlock would refuse.
     """
-    for stimulus, code in dict.fromkeys((one.stimulus, one.request.gain_code) for one in shots):
-        request = next(one.request for one in shots if one.request.gain_code == code)
-        bench.check(stimulus, request)
+    stimuli: set[Stimulus] = set()
+    codes: set[int | None] = set()
+    for one in shots:
+        if one.stimulus not in stimuli or one.request.gain_code not in codes:
+            bench.check(one.stimulus, one.request)
+            stimuli.add(one.stimulus)
+            codes.add(one.request.gain_code)

@@ -2,7 +2,8 @@
 
 A record is cut into blocks. The sums of each block against the columns of the model are all that a fit needs:
 their total gives the parameters, and what the fit leaves of them gives the noise *at the frequency of each
-column*, since noise of another frequency averages out within a block. So no spectrum is computed.
+column*, since noise of another frequency averages out within a block. So no spectrum is computed. And the
+columns are alike in all blocks but for a turn of the phase, so that one block of them suffices.
 """
 
 from __future__ import annotations
@@ -88,14 +89,17 @@ class SineDesign:
         self._blocks = max(1, min(_BLOCKS, sample_count // _LEAST_LENGTH))
         self._length = -(-sample_count // self._blocks)
         self._padding = self._blocks * self._length - sample_count
-        columns = _columns(cycles_per_sample, sample_count, self.middle, interleaved)
-        if keep is not None:
-            columns *= keep
-        self.size = columns.shape[0] - 2
-        padded = np.pad(columns, ((0, 0), (0, self._padding)))
-        blocked = padded.reshape(-1, self._blocks, self._length).transpose(1, 0, 2)
-        self._columns = np.ascontiguousarray(blocked)
-        self._products = self._columns @ self._columns.transpose(0, 2, 1)
+        # Whole cycles drop out before an angle is formed: less rounding, and any frequency is its own alias.
+        cycles = cycles_per_sample - round(cycles_per_sample)
+        block = _block(cycles, self._length, sample_count, interleaved)
+        starts = np.arange(self._blocks) * self._length
+        self._moves = _moves(cycles, starts, self.middle, sample_count, interleaved)
+        self._block = np.ascontiguousarray(block.T)
+        self.size = block.shape[0] - 2
+        used = np.zeros(self._blocks * self._length)
+        used[:sample_count] = 1.0 if keep is None else keep
+        products = (used.reshape(self._blocks, 1, -1) * block) @ self._block
+        self._products = self._moves @ products @ self._moves.transpose(0, 2, 1)
         whole = self._products.sum(axis=0)
         self.condition = _condition(whole[: self.size, : self.size])
         if np.isfinite(self.condition):
@@ -125,7 +129,7 @@ class SineDesign:
             Finite, and zero where not kept.
         """
         rows = np.pad(samples, (0, self._padding)) if self._padding else samples
-        sums = np.matvec(self._columns, rows.reshape(self._blocks, self._length))
+        sums = np.matvec(self._moves, rows.reshape(self._blocks, self._length) @ self._block)
         total = sums.sum(axis=0)
         values = self._inverse @ total[: self.size]
         drift = self._drift_inverse @ total
@@ -151,18 +155,41 @@ class SineDesign:
         )
 
 
-def _columns(cycles_per_sample: float, sample_count: int, middle: int, interleaved: bool) -> Array:
-    number = np.arange(sample_count)
-    since = (number - middle).astype(np.float64)
-    # Whole cycles drop out before the angle is formed: less rounding, and any frequency is its own alias.
-    turns = since * (cycles_per_sample - round(cycles_per_sample))
+def _block(cycles: float, length: int, sample_count: int, interleaved: bool) -> Array:
+    """Return the columns over one block as rows, with time counted from its first sample."""
+    number = np.arange(length)
+    turns = number * cycles
     angle = 2 * np.pi * (turns - np.rint(turns))
-    cos, sin, one = np.cos(angle), np.sin(angle), np.ones(sample_count)
-    time = since / (sample_count / 2)
+    cos, sin, one = np.cos(angle), np.sin(angle), np.ones(length)
+    time = number / (sample_count / 2)
     if not interleaved:
         return np.stack([cos, sin, one, time * cos, time * sin])
     turn = np.where(number % 2, -1.0, 1.0)
     return np.stack([cos, sin, one, turn, turn * cos, turn * sin, time * cos, time * sin])
+
+
+def _moves(
+    cycles: float, starts: NDArray[np.int64], middle: int, sample_count: int, interleaved: bool
+) -> NDArray[np.float64]:
+    """Return what turns sums over `_block` into sums over the columns, shape (blocks, k, k).
+
+    A later block sees the same columns, turned by the angle of its first sample, and at a later time.
+    """
+    since = (starts - middle).astype(np.float64)
+    turns = since * cycles
+    angle = 2 * np.pi * (turns - np.rint(turns))
+    cos, sin = np.cos(angle), np.sin(angle)
+    turned = np.array([[cos, -sin], [sin, cos]]).transpose(2, 0, 1)
+    size = 8 if interleaved else 5
+    moves = np.zeros((starts.size, size, size))
+    moves[:, :2, :2] = moves[:, -2:, -2:] = turned
+    moves[:, 2, 2] = 1.0
+    moves[:, -2:, :2] = (since / (sample_count / 2))[:, None, None] * turned
+    if interleaved:
+        sign = np.where(starts % 2, -1.0, 1.0)
+        moves[:, 3, 3] = sign
+        moves[:, 4:6, 4:6] = sign[:, None, None] * turned
+    return moves
 
 
 def _condition(products: Array) -> float:

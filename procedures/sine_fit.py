@@ -236,12 +236,12 @@ def _is_constant(volts: Array) -> bool:
 def _is_lost(fit: SineFit, volts_per_count: float) -> bool:
     """Whether a sine is smaller than half a code and the noise does not dither it.
 
-    Half a code, undithered, is a square wave of one code whose first harmonic is 2 / pi. Noise of half a code
-    leaves 1.4 % of rounding error; the limit is 4 standard deviations (16064 samples) below half a code.
+    Half a code, undithered, is a square wave of one code whose first harmonic is 2 / pi. The limit of the
+    noise is half a code less what chance and rounding make of it; just above, 2 % of rounding error are left.
     """
     square = volts_per_count**2
     dither = fit.noise_rms_v**2 / square - 1 / 12
-    return fit.amplitude.value < 0.65 * volts_per_count and dither < 0.49**2
+    return fit.amplitude.value < 0.65 * volts_per_count and dither < 0.47**2
 
 
 def amplitude_from_rms(volts: Array) -> float:
@@ -252,15 +252,16 @@ def amplitude_from_rms(volts: Array) -> float:
     volts : ndarray of float64, shape (n,)
         V.
     """
-    return float(math.sqrt(2) * np.std(volts))
+    centred = volts - volts.mean()
+    return math.sqrt(2 * float(centred @ centred) / volts.size)
 
 
-def amplitude_from_peak_to_peak(volts: Array) -> float:
+def amplitude_from_peak_to_peak(volts: Array | NDArray[np.int16]) -> float:
     """Return half the span, V: too large by the extremes of any noise.
 
     Parameters
     ----------
-    volts : ndarray of float64, shape (n,)
-        V.
+    volts : ndarray of float64 or int16, shape (n,)
+        V; or counts, which give the half span in counts, sooner.
     """
-    return float(np.max(volts) - np.min(volts)) / 2
+    return (float(np.max(volts)) - float(np.min(volts))) / 2

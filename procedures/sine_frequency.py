@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -151,16 +152,16 @@ def common_clock(
         Largest error considered.
     """
     held = list(records)
-    rate = sample_rate_hz
-    fits = _fits(held, rate, interleaved)
-    chosen = [number for number, fit in enumerate(fits) if fit.usable]
-    held = [held[number] for number in chosen]
+    fits = _fits(held, sample_rate_hz, interleaved)
+    held, fits = _only(held, fits, [fit.usable for fit in fits])
+    ppm = _search(fits, sample_rate_hz, held[0][1].size, limit_ppm) if held else 0.0
+    # Only now, at nearly the right frequency, it shows which records are more than noise.
+    fits = _fits(held, sample_rate_hz * (1 + ppm * 1e-6), interleaved)
+    held, fits = _only(held, fits, [_is_seen(fit) for fit in fits])
     if not held:
         return ClockFit("not_measurable", 0.0, math.inf, 0.0, 0)
-    ppm = _search([fits[number] for number in chosen], rate, held[0][1].size, limit_ppm)
     for _ in range(_ROUNDS):
-        rate = sample_rate_hz * (1 + ppm * 1e-6)
-        errors = [fit.frequency_error for fit in _fits(held, rate, interleaved)]
+        errors = [fit.frequency_error for fit in fits]
         weight = np.array([1 / one.standard_uncertainty**2 for one in errors])
         value = np.array([one.value for one in errors])
         step = float(weight @ value / weight.sum())
@@ -169,12 +170,24 @@ def common_clock(
         ppm = ((1 + ppm * 1e-6) / (1 + step) - 1) * 1e6
         if abs(step) <= max(1e-2 * spread, 1e-15):
             break
+        fits = _fits(held, sample_rate_hz * (1 + ppm * 1e-6), interleaved)
     chi_square = float(weight @ (value - step) ** 2)
     free = max(len(held) - 1, 1)
     consistent = chi_square <= free + 6 * math.sqrt(2 * free)
     if not consistent:
         spread *= math.sqrt(chi_square / free)
     return ClockFit("ok" if consistent else "inconsistent", ppm, spread * 1e6, chi_square, len(held))
+
+
+def _only(
+    records: list[tuple[float, Array]], fits: list[SineFit], wanted: list[bool]
+) -> tuple[list[tuple[float, Array]], list[SineFit]]:
+    return list(compress(records, wanted)), list(compress(fits, wanted))
+
+
+def _is_seen(fit: SineFit) -> bool:
+    """Whether the sine is there: noise alone reaches five standard uncertainties once in 270 000 records."""
+    return fit.usable and fit.amplitude.value > 5 * fit.amplitude.standard_uncertainty
 
 
 def _fits(records: list[tuple[float, Array]], sample_rate_hz: float, interleaved: bool) -> list[SineFit]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from belahil.errors import InstrumentError, InstrumentRefused, LinkTimeout
 from belahil.generators import GeneratorModel, GeneratorSetting, model_of, on_grid, setting_for
 from belahil.grm_link import Verb, read_command, telecommand
+from belahil.interfaces import LinkCounts
 from sim.devices.grm import check
 
 if TYPE_CHECKING:
@@ -75,9 +76,10 @@ class SimulatedGenerator:
         if not self._plant.trigger():
             raise InstrumentRefused("trigger ignored: no stimulus waits for one", _TRIGGER_IGNORED)
 
-    def close(self) -> None:
-        """Switch the output off."""
+    def close(self) -> bool:
+        """Switch the output off, which is always confirmed."""
         self.output(False)
+        return True
 
     def _play(self, setting: GeneratorSetting) -> None:
         self._setting = setting
@@ -106,6 +108,11 @@ class SimulatedDigitizer:
     def spec(self) -> DigitizerSpec:
         """What the receiver reports of its converters."""
         return self._plant.spec
+
+    @property
+    def dropped(self) -> LinkCounts:
+        """Nothing: there is no link."""
+        return LinkCounts()
 
     def arm(self, request: WindowRequest) -> None:
         """Ask for one window.

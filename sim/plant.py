@@ -6,7 +6,8 @@ seeds give equal counts.
 
 What this does not model: a laser transmitter (windows of the transmitted pulse are refused); jitter of any
 trigger beside the sub-sample phase; bursts of sines, and pulses that repeat or were triggered before the
-window was armed: such a window sees 0 V; anything that changes while a window is being digitized; time that
+window was armed: such a window sees 0 V; the rest of a burst at its first point where that is not zero, which
+no driver of ours sends; anything that changes while a window is being digitized; time that
 passes other than by shots, settling and expired time-outs. `sim.generator_path` and `sim.receiver_model` say
 what they leave out.
 """

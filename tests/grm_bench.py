@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from grm_cases import a_window
@@ -53,12 +54,16 @@ class FakeReceiver:
 
 
 def window_for(request: WindowRequest) -> RangeWindow:
-    from dataclasses import replace
-
     counts = a_window(request.shot, request.sample_count).counts
     if request.gain_code is not None:
         counts = (counts // 64 + 64 * request.gain_code).astype(np.int16)
-    return replace(a_window(request.shot, 1), counts=counts, gain_code=request.gain_code, saturated=0)
+    return replace(
+        a_window(request.shot, 1),
+        counts=counts if request.products == "window" else counts[:0],
+        start_s=round(request.delay_s * SPEC.sample_rate_hz) / SPEC.sample_rate_hz,
+        gain_code=request.gain_code,
+        saturated=0,
+    )
 
 
 class FakeClock:

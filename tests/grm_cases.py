@@ -56,10 +56,10 @@ requests = st.builds(
 
 specs = st.builds(
     DigitizerSpec,
-    sample_rate_hz=scales,
+    sample_rate_hz=st.floats(1.0, 1e12),
     bits=st.integers(1, 16),
     converters=st.integers(1, 8),
-    max_sample_count=u32,
+    max_sample_count=st.integers(1, 2**24),
     gain_codes=st.none() | st.lists(st.integers(0, 254), min_size=1, unique=True).map(tuple),
     triggers=st.just(("immediate", "digitizer")),
     products=st.just(("window", "candidates")),

@@ -97,7 +97,7 @@ def outcome(**changes: Any) -> Outcome:
                     "gain": None,
                     "cutoff": None,
                     "order": {"free": None, "integer": None},
-                    "status": "not measurable",
+                    "status": "no_usable_point",
                 },
             ],
             "best_code": 0,
@@ -107,7 +107,7 @@ def outcome(**changes: Any) -> Outcome:
                 {
                     "code": (np.arange(3), "1", "gain code"),
                     "gain": (np.ma.masked_array([5.1, 5.2, 0.0], [False, False, True]), "1", "gain"),
-                    "status": (np.array(["ok", "ok", "not measurable"]), "", "status of the gain"),
+                    "status": (np.array(["ok", "ok", "no_usable_point"]), "", "status of the gain"),
                 },
                 "code",
             )

@@ -7,6 +7,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,9 +18,11 @@ from belahil.cli.main import main
 from belahil.config import emulated
 from belahil.errors import InstrumentRefused, InterlockRefused
 from belahil.grm_link import Reason
+from belahil.receiver import BELA_GRM
 from belahil.run import Run
 from belahil.stimuli import Sine
 from belahil.values import WindowRequest
+from procedures import characterize, noise
 from sim.plant import Plant
 from sim.transports.server import Served, serve
 
@@ -70,6 +73,7 @@ def refused(capsys: Captured, words: list[str], status: int, *said: str) -> None
         ("[generator]\nmax_vpp = 'half'", ["[generator] max_vpp", "expected `float`", "got `str`"]),
         ("[bench]\nsettle_s = -1", ["[bench] settle_s", ">= 0"]),
         ("[emulation.receiver]\nadc_bits = 99", ["[emulation.receiver] adc_bits", "<= 16"]),
+        ("[emulation.receiver]\nadc_full_scale_v = 2e3", ["receiver] adc_full_scale_v", "<= 1000"]),
         ("[generator]\naddress = 'GPIB::7'", ["both must be emulated, both simulated, or both real"]),
         ("[digitizer]\nlink = 'ftp://x'", ['link = "ftp://x" is unknown', "serial:PORT"]),
         ("max_vpp == 3", ["not valid TOML"]),
@@ -95,8 +99,8 @@ def test_a_bench_file_that_is_wrong(
     [
         (["--codes", "4,16"], ["gain code 16", "gain codes 0 to 15"]),
         (["--amplitudes-mvpp", "30,600"], ["0.3 V at the cut", "max_vpp = 0.5 allows 0.25 V"]),
-        (["--frequencies-mhz", "1,31"], ["31000000 Hz", "33522B", "3e+07 Hz"]),
-        (["--frequencies-mhz", "1e-13"], ["Hz", "33522B makes 1e-06"]),
+        (["--frequencies-mhz", "1,31"], ["a sine of 31 MHz", "33522B", "30 MHz"]),
+        (["--frequencies-mhz", "1e-13"], ["100 nHz", "33522B makes 1 µHz"]),
         (["--amplitudes-mvpp", "0.0001"], ["1e-07", "0.001"]),
     ],
 )
@@ -106,6 +110,44 @@ def test_what_this_bench_cannot_do_is_refused_before_a_run_begins(
     refused(capsys, ["characterize", "--bench", bench, "--out", "run", *words], 2, *said)
     assert [output_is_on(plant) for plant in plants] == [False]
     assert not Path("run").exists()
+
+
+@pytest.mark.parametrize("command", ["characterize", "noise"])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"max_sample_count": 511}, "longest window has 511 samples: at least 512 are needed"),
+        (
+            {"triggers": ("generator",)},
+            "a window of NoSignal is started by trigger = immediate: the rec",
+        ),
+        ({"products": ("candidates",)}, "products = window: the receiver has candidates"),
+    ],
+)
+def test_a_receiver_that_cannot_do_what_is_needed(
+    capsys: Captured,
+    plants: list[Plant],
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+    change: dict[str, object],
+    said: str,
+) -> None:
+    told = replace(BELA_GRM.digitizer, **change)  # type: ignore[arg-type]
+    monkeypatch.setattr(Plant, "spec", property(lambda plant: told))
+    refused(capsys, [command, "--bench", "simulated", "--out", "run"], 2, said)
+    assert [output_is_on(plant) for plant in plants] == [False]
+    assert not Path("run").exists()
+
+
+@pytest.mark.parametrize("module", ["characterize", "noise"])
+def test_the_shortest_windows_that_can_be_measured(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
+    told = replace(BELA_GRM.digitizer, max_sample_count=512)
+    monkeypatch.setattr(Plant, "spec", property(lambda plant: told))
+    options = {"characterize": characterize.GainOptions(codes=(4,)), "noise": noise.NoiseOptions(codes=(4,))}
+    procedure = {"characterize": characterize, "noise": noise}[module]
+    with open_bench("simulated") as bench:
+        plan = procedure.plan(bench, options[module])
+    assert plan.sample_count == 512
 
 
 def test_an_offset_over_the_interlock(plants: list[Plant]) -> None:

@@ -8,10 +8,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from belahil.bench import Bench
+from belahil.bench import LEFT_ON, Bench
 from belahil.config import BenchConfig, BenchTable, DigitizerTable, GeneratorTable
-from belahil.errors import InterlockRefused, LimitExceeded, LinkClosed, LinkTimeout, StaleData
+from belahil.errors import (
+    InstrumentError,
+    InterlockRefused,
+    LimitExceeded,
+    LinkClosed,
+    LinkTimeout,
+    RefusedInput,
+    StaleData,
+)
 from belahil.generators import MODELS, GeneratorModel, on_grid
+from belahil.interfaces import LinkCounts
 from belahil.receiver import BELA_GRM, DigitizerSpec
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus
 from belahil.values import RangeWindow, WindowRequest
@@ -26,10 +35,12 @@ class Recorder:
         self.calls: list[str] = []
         self.failures: list[Exception] = []
         self.shot_offset = 0
+        self.confirms = True
         self._request: WindowRequest | None = None
 
     limits: GeneratorModel = MODELS["33522B"]
     spec: DigitizerSpec = BELA_GRM.digitizer
+    dropped = LinkCounts()
 
     def prepare(self, stimulus: Stimulus, trigger: str) -> Stimulus:
         self.calls.append(f"prepare {type(stimulus).__name__} {trigger}")
@@ -53,8 +64,9 @@ class Recorder:
         counts = np.zeros(self._request.sample_count, np.int16)
         return RangeWindow(counts, 1e-3, 0, 12.5e-9, 0.0, 4, self._request.shot + self.shot_offset)
 
-    def close(self) -> None:
+    def close(self) -> bool:
         self.calls.append("close")
+        return self.confirms
 
     def now_s(self) -> float:
         return 0.0
@@ -91,6 +103,45 @@ def test_the_order_of_a_pulse_is_arm_then_trigger() -> None:
     ]
 
 
+@pytest.mark.parametrize("trigger", ["generator", "immediate"])
+def test_a_new_gain_code_settles_before_its_window(trigger: str) -> None:
+    # given a bench that lets its instruments settle
+    bench, recorder = _bench()
+    pulse = SampledPulse(np.array([0.0, 0.01, 0.0]), 80e6)
+    stimulus: Stimulus = pulse if trigger == "generator" else Sine(1e6, 0.05)
+    # when the gain code changes while the stimulus stays
+    for shot, code in enumerate((4, 4, 5)):
+        bench.measure(stimulus, WindowRequest(shot, code))
+    # then arming sets the new code, all settles, and the receiver is armed again
+    window = ["trigger", "read"] if trigger == "generator" else ["read"]
+    thrown_away = [] if trigger == "generator" else ["read"]
+
+    def settling(shot: int) -> list[str]:
+        return [f"arm {shot} {trigger}", *thrown_away, "sleep 0.5"]
+
+    assert recorder.calls[3:] == [
+        *settling(0),
+        *(f"arm 0 {trigger}", *window),
+        *(f"arm 1 {trigger}", *window),
+        *settling(2),
+        *(f"arm 2 {trigger}", *window),
+    ]
+
+
+def test_after_a_failure_the_gain_code_settles_again_and_without_a_settling_time_never() -> None:
+    bench, recorder = _bench()
+    bench.measure(NoSignal(), WindowRequest(0, 4))
+    recorder.calls.clear()
+    recorder.failures = [LinkTimeout("late")]
+    bench.measure(NoSignal(), WindowRequest(1, 4))
+    assert recorder.calls.count("sleep 0.5") == 1
+    assert recorder.calls.count("arm 1 immediate") == 3
+    bench.config = msgspec.structs.replace(bench.config, bench=BenchTable())
+    recorder.calls.clear()
+    bench.measure(NoSignal(), WindowRequest(2, 5))
+    assert recorder.calls.count("arm 2 immediate") == recorder.calls.count("read") == 1
+
+
 def test_a_lost_window_is_asked_again_and_counted() -> None:
     bench, recorder = _bench()
     recorder.failures = [LinkTimeout("late"), StaleData("old")]
@@ -119,7 +170,7 @@ def test_a_window_of_another_shot_is_never_returned() -> None:
     ("stimulus", "request_", "error", "said"),
     [
         (Sine(1e6, 0.4, 0.1), WindowRequest(0), InterlockRefused, "max_vpp = 0.5 allows 0.25 V"),
-        (Sine(1e6, 0.6), WindowRequest(0), InterlockRefused, "up to 0.3 V at the cut"),
+        (Sine(1e6, 0.6), WindowRequest(0), InterlockRefused, "(0.6 Vpp): [generator] max_vpp = 0.5"),
         (Sine(40e6, 0.1), WindowRequest(0), LimitExceeded, "33522B makes"),
         (
             NoSignal(),
@@ -138,6 +189,23 @@ def test_what_is_not_allowed_is_refused_before_anything_is_sent(
         bench.measure(stimulus, request_)
     assert said in str(caught.value)
     assert recorder.calls == ["output False"]
+
+
+def test_what_rounding_would_lift_over_the_interlock_is_not_sent() -> None:
+    # given an attenuator that puts the limit between two settings of the generator
+    bench, recorder = _bench(attenuation_db=3.3333)
+    # when the limit itself is asked for, then the setting above it is refused before it is sent
+    with pytest.raises(InterlockRefused, match=r"0\.250001 V .* max_vpp = 0\.5 allows 0\.25 V"):
+        bench.measure(Sine(1e6, 0.5), WindowRequest(0))
+    assert recorder.calls == ["output False"]
+    bench.measure(Sine(1e6, 0.4999), WindowRequest(0))
+    assert "output True" in recorder.calls
+
+
+@pytest.mark.parametrize("offset_v", [float("nan"), float("inf"), float("-inf")])
+def test_no_sine_has_an_offset_that_is_no_number(offset_v: float) -> None:
+    with pytest.raises(RefusedInput, match=f"offset of {offset_v!r} V: must be finite"):
+        Sine(1e6, 0.05, offset_v)
 
 
 @pytest.mark.parametrize(
@@ -166,6 +234,18 @@ def test_the_output_is_off_on_every_way_out() -> None:
     with pytest.raises(ZeroDivisionError), bench:
         raise ZeroDivisionError
     assert recorder.calls[-2:] == ["close", "close"]
+
+
+def test_a_generator_that_does_not_confirm_its_silence_is_told_of() -> None:
+    # given a generator that cannot be reached any more
+    bench, recorder = _bench()
+    recorder.confirms = False
+    # when the bench is left, then that is an error, or a note on the one that is on its way
+    with pytest.raises(InstrumentError, match="did not confirm that its output is off"), bench:
+        pass
+    with pytest.raises(ZeroDivisionError) as caught, bench:
+        raise ZeroDivisionError
+    assert caught.value.__notes__ == [LEFT_ON]
 
 
 def test_a_request_is_not_changed_by_being_measured() -> None:

@@ -36,9 +36,9 @@ def closed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     found: list[str] = []
     close = Bench.close
 
-    def noted(self: Bench) -> None:
-        close(self)
+    def noted(self: Bench) -> bool:
         found.append(self.source)
+        return close(self)
 
     monkeypatch.setattr(Bench, "close", noted)
     return found
@@ -133,7 +133,9 @@ def test_limits_decide_the_status(
     Path("bench.toml").write_text(bench + gain)
     monkeypatch.setattr("tiny_procedure.np.std", lambda volts: 0.05)  # two windows a code: a gain of 0.1
     assert characterize("--out", "run", bench="bench.toml") == status
-    assert f"verdict: {verdict}\n" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert f"verdict: {verdict}\n" in out
+    assert (f"\n{verdict}: gain (code 3, code 4)\n" in out) == (status == 1)
 
 
 def test_the_report_says_what_its_emulation_leaves_out() -> None:
@@ -141,6 +143,12 @@ def test_the_report_says_what_its_emulation_leaves_out() -> None:
     told = json.loads(Path("run/report.json").read_text())
     assert any(line.startswith("converter: differential and integral") for line in told["not_modelled"])
     assert "What this simulated bench does not model" in Path("run/report.html").read_text()
+
+
+def test_the_report_tells_the_options_in_words() -> None:
+    assert characterize("--amplitudes-mvpp", "3,200", "--out", "run") == 0
+    told = json.loads(Path("run/report.json").read_text())
+    assert told["conditions"]["options"].startswith("codes: default; amplitudes_vpp: 0.003, 0.2; frequenc")
 
 
 # ---- what goes wrong
@@ -205,7 +213,11 @@ def test_a_bug_before_there_is_a_run_leaves_its_traceback_too(
     assert not Path("run").exists()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+# Windows has no terminal that hangs up.
+SIGNALS = [signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGINT)]
+
+
+@pytest.mark.parametrize("number", SIGNALS)
 def test_an_interrupt_waits_for_the_shot_and_can_be_resumed(
     capsys: Captured, monkeypatch: pytest.MonkeyPatch, closed: list[str], number: signal.Signals
 ) -> None:
@@ -243,6 +255,36 @@ def test_an_interrupt_before_the_first_shot_leaves_no_run(
     assert one_line(capsys) == "belahil: interrupted\n"
     assert closed == ["simulated"]
     assert not Path("run").exists()
+
+
+def test_no_number_of_interrupts_keeps_the_output_on(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch, closed: list[str]
+) -> None:
+    # given a user who hits Ctrl-C again and again while the bench is being closed after the last shot
+    close = Bench.close
+
+    def disturbed(self: Bench) -> bool:
+        for _ in range(3):
+            os.kill(os.getpid(), signal.SIGINT)
+        return close(self)
+
+    monkeypatch.setattr(Bench, "close", disturbed)
+    # when the run is interrupted, then the bench was closed first, and the run can be finished
+    assert characterize("--out", "run", "--quiet") == 130
+    assert closed == ["simulated"]
+    assert "shots are kept; continue with" in one_line(capsys)
+    monkeypatch.setattr(Bench, "close", close)
+    assert characterize("--resume", "run", "--quiet", bench=None) == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no terminal that hangs up")
+def test_a_run_under_nohup_outlives_its_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        break_after(monkeypatch, 2, lambda: os.kill(os.getpid(), signal.SIGHUP))
+        assert characterize("--out", "run", "--quiet") == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 # ---- resume
@@ -472,11 +514,75 @@ def test_show_lists_what_there_is(capsys: Captured) -> None:
         "socket://",
     ):
         assert part in out
-    Path("lab.toml").write_text("[generator]\nattenuation_db = 20\n[limits]\ngain = [5, 6]")
+    limits = "[limits]\ngain = [5, 6]\ncutoff_hz = [18.5e6, 2e7]"
+    Path("lab.toml").write_text(f"[generator]\nattenuation_db = 20\n{limits}")
     assert main(["bench", "show", "lab.toml"]) == 0
     out = capsys.readouterr().out
     assert "20 dB to the cut" in out
-    assert "limits: gain 5 to 6" in out
+    assert "limits: gain 5 to 6, cutoff_hz 18.5 to 20 MHz" in out
+    assert main(["bench", "show", "--bench", "lab.toml"]) == 0
+    assert capsys.readouterr().out == out
+
+
+def test_show_takes_no_preset_for_a_fact_about_an_instrument(capsys: Captured) -> None:
+    assert main(["bench", "show", "emulated"]) == 0
+    assert "receiver: bela-grm: 2 converters of 12 bit" in capsys.readouterr().out
+    Path("lab.toml").write_text('[generator]\naddress = "GPIB::7"\n[digitizer]\nlink = "serial:COM3"')
+    assert main(["bench", "show", "lab.toml"]) == 0
+    out = capsys.readouterr().out
+    assert (
+        "receiver: tells its converters when it is asked (bench check); to compare with, the preset b" in out
+    )
+
+
+@pytest.mark.parametrize("verb", ["show", "check"])
+def test_two_names_for_one_bench_are_refused(capsys: Captured, verb: str) -> None:
+    assert main(["bench", verb, "simulated", "--bench", "emulated"]) == 2
+    assert "simulated and --bench emulated: name one bench" in one_line(capsys)
+
+
+@pytest.mark.parametrize(
+    "words", [["lab.toml"], ["--bench", "lab.toml"], ["lab.toml", "--bench", "lab.toml"]]
+)
+def test_a_bench_to_be_checked_is_named_either_way(capsys: Captured, words: list[str]) -> None:
+    Path("lab.toml").write_text('[generator]\ndriver = "keysight-33600"')
+    assert main(["bench", "check", *words]) == 0
+    assert "generator: Keysight Technologies,33622A" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("row", "line"),
+    [
+        ((4, 5), "best gain code: 4 (gain 5, cut-off \u2013, input noise \u2013)"),
+        ((None, 5), "receiver without gain codes: gain 5, cut-off \u2013, input noise \u2013"),
+        ((None, None), "the receiver could not be characterized: too_few_points"),
+        ((4, None), "no gain code could be characterized: too_few_points at code 4"),
+    ],
+)
+def test_the_line_of_a_result_suits_its_receiver(row: tuple[int | None, int | None], line: str) -> None:
+    from belahil.cli.characterize import _lines
+
+    code, gain = row
+    status = "ok" if gain else "too_few_points"
+    found = {"code": code, "gain": gain, "cutoff": None, "input_noise_rms": None, "status": status}
+    assert _lines({"gain_codes": [found], "best_code": code if gain else None}) == [line]
+
+
+def test_the_line_without_a_best_code_says_which_codes_are_in_its_way() -> None:
+    from belahil.cli.characterize import _lines
+
+    statuses = ("noise_no_signal", "noise_no_signal", "ok", "too_few_points")
+    rows = [{"code": code, "gain": 5, "status": status} for code, status in enumerate(statuses)]
+    assert _lines({"gain_codes": rows, "best_code": None}) == [
+        "no best gain code: noise_no_signal at code 0, 1; too_few_points at code 3"
+    ]
+
+
+def test_the_lines_of_noise_suit_their_receiver() -> None:
+    from belahil.cli.noise import _lines
+
+    rows = [{"code": None, "noise_rms": 1}, {"code": 3, "noise_rms": 2}]
+    assert _lines({"gain_codes": rows}) == ["receiver without gain codes: noise 1", "gain code 3: noise 2"]
 
 
 @pytest.mark.parametrize("link", ["simulated", "emulated:serial", "emulated:usb"])

@@ -15,6 +15,8 @@ import pytest
 
 from belahil import config
 from belahil.cli.main import belahil as command_line
+from belahil.cli.main import main
+from procedures import characterize, noise
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("belahil", "drivers", "sim", "procedures")
@@ -68,6 +70,32 @@ def test_a_command_of_the_readme_is_understood(words: list[str]) -> None:
     assert parsed.args == []
 
 
+@pytest.mark.parametrize("name", ["characterize", "noise"])
+def test_the_options_of_the_architecture_are_those_of_the_command(name: str) -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `--")]
+    own = re.search(rf"^`{name}` also takes (.+)$", text, re.MULTILINE)
+    assert own is not None
+
+    told = re.findall(r"--[a-z-]+", " ".join([*rows, own[1]]))
+
+    command = command_line.get_command(click.Context(command_line), name)
+    assert command is not None
+    assert sorted(told) == sorted(one for parameter in command.params for one in parameter.opts)
+
+
+def test_the_help_tells_the_defaults(capsys: pytest.CaptureFixture[str]) -> None:
+    def told(command: str) -> str:
+        assert main([command, "--help"]) == 0
+        return " ".join(capsys.readouterr().out.split())
+
+    amplitudes = ",".join(f"{1e3 * volts:g}" for volts in characterize.AMPLITUDES_VPP)
+    assert f"peak to peak; {amplitudes} when left out" in told("characterize")
+    assert f"{characterize.FREQUENCY_COUNT} up to 38 MHz" in told("characterize")
+    assert f"for each code; {characterize.DARK_WINDOWS} when left out" in told("characterize")
+    assert f"for each code; {noise.DARK_WINDOWS} when left out" in told("noise")
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_links_lead_somewhere(document: Path) -> None:
     text = document.read_text(encoding="utf-8")
@@ -115,3 +143,22 @@ def test_the_bench_file_of_the_readme_is_accepted() -> None:
 
     assert bench.source == "hardware"
     assert bench.limits == config.LimitsTable(cutoff_hz=(18.0e6, 20.0e6))
+
+
+def test_the_modules_that_the_architecture_names_are_there_or_planned() -> None:
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    parts = re.split(r"^(?:What is in )?`(\w+)/`", text.split("### Who imports whom")[0], flags=re.MULTILINE)[
+        1:
+    ]
+    rooms = dict(zip(parts[::2], parts[1::2], strict=True))
+    assert set(rooms) == set(ROOMS)
+
+    rows = [(room, row) for room in ROOMS for row in re.findall(r"^\| (`.*)$", rooms[room], re.MULTILINE)]
+    wrong = {
+        f"{room}/{name}"
+        for room, row in rows
+        for name in re.findall(r"`([\w/]+(?:\.py|/))`", row.split(" | ")[0])
+        if (ROOT / room / name).exists() == (row.split(" | ")[1].startswith("**planned**"))
+    }
+
+    assert wrong == set()

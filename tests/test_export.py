@@ -11,7 +11,7 @@ import xarray
 from small_run import SAMPLES, begin, made, measure, outcome, requested
 
 from belahil.export import write_data
-from belahil.outcome import Table
+from belahil.outcome import STATUSES, Table
 from belahil.run import Run
 from belahil.stimuli import NoSignal, SampledPulse, TransmittedPulse
 from belahil.values import RangeWindow, Shot, WindowRequest
@@ -70,13 +70,15 @@ def test_the_stimulus_is_told(data: xarray.Dataset) -> None:
 
 def test_results_are_there_with_units_and_status(data: xarray.Dataset) -> None:
     assert data["code"].values.tolist() == [0, 1, 2]
-    assert data["codes_gain"].dims == ("code",)
-    assert data["codes_gain"].values[:2].tolist() == [5.1, 5.2]
-    assert np.isnan(data["codes_gain"].values[2])
-    assert data["codes_gain"].attrs == {"long_name": "gain", "units": "1"}
-    status = data["codes_status"]
-    meanings = status.attrs["flag_meanings"].split()
-    assert [meanings[value] for value in status.values] == ["ok", "ok", "not_measurable"]
+    assert data["gain"].dims == ("code",)
+    assert data["gain"].values[:2].tolist() == [5.1, 5.2]
+    assert np.isnan(data["gain"].values[2])
+    assert data["gain"].attrs == {"long_name": "gain", "units": "1"}
+    status = data["status"]
+    assert status.attrs["flag_meanings"].split() == list(STATUSES)
+    assert status.attrs["flag_values"].tolist() == list(range(len(STATUSES)))
+    assert [STATUSES[value] for value in status.values] == ["ok", "ok", "no_usable_point"]
+    assert STATUSES[0] == "ok"
 
 
 def test_every_variable_says_what_it_is(data: xarray.Dataset) -> None:
@@ -167,7 +169,7 @@ def test_integers_and_flags_of_a_table_stay_what_they_are(tmp_path: Path) -> Non
         summary = run.finish(outcome(figures={}))
         write_data(tmp_path / "data.nc", run.shots(), {"t": table}, summary)
     with xarray.open_dataset(tmp_path / "data.nc", mask_and_scale=False) as data:
-        assert data["t_number"].values[0] == 3
-        assert data["t_number"].values[1] == data["t_number"].attrs["_FillValue"]
-        assert data["t_usable"].values.tolist() == [1, 0]
-        assert data["t_level"].values.tolist() == [data["t_level"].attrs["_FillValue"], 2.0]
+        assert data["number"].values[0] == 3
+        assert data["number"].values[1] == data["number"].attrs["_FillValue"]
+        assert data["usable"].values.tolist() == [1, 0]
+        assert data["level"].values.tolist() == [data["level"].attrs["_FillValue"], 2.0]

@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 
 from belahil.errors import LimitExceeded, RefusedInput
 from belahil.generators import MODELS, model_of, on_grid, open_circuit, per_50_ohm, setting_for, stimulus_of
-from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse, largest_volts, scaled
+from belahil.stimuli import (
+    Interpolation,
+    NoSignal,
+    SampledPulse,
+    Sine,
+    TransmittedPulse,
+    largest_volts,
+    scaled,
+)
 
 MODEL = MODELS["33522B"]
 
@@ -34,27 +42,59 @@ def test_a_pulse_is_played_within_a_step_of_the_dac(
 ) -> None:
     # given any pulse the model can make
     model = MODELS[name]
-    pulse = SampledPulse(np.array(volts), rate, 0.0, "linear" if linear else "hold")
+    pulse = SampledPulse(np.array(volts), rate, 2e-6, "linear" if linear else "hold")
     # when it is put on the grid
     played = on_grid(pulse, model)
-    # then each point is off by at most one DAC step (the top is clipped), and it ends at zero
+    # then each point is off by at most one DAC step (the top is clipped), and it begins and ends at zero
     assert isinstance(played, SampledPulse)
     setting = setting_for(pulse, model)
     step = setting.amplitude_vpp / 2 * 2 ** (16 - model.dac_bits) / 32767
-    assert np.max(np.abs(played.volts[: len(volts)] - pulse.volts)) <= step * 1.0001
-    assert played.volts[-1] == 0
+    lead = int(played.start_s < pulse.start_s) if abs(volts[0]) <= step else 1
+    assert np.max(np.abs(played.volts[lead : lead + len(volts)] - pulse.volts)) <= step * 1.0001
+    assert played.volts[0] == played.volts[-1] == 0
+    assert abs(played.start_s + lead / played.sample_rate_hz - pulse.start_s) <= model.delay_step_s * 0.501
     assert played.volts.size >= model.min_points
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "before_v"), [("hold", [0.0, 0.0, 0.0]), ("linear", [0.0, 0.5, 0.75])]
+)
+def test_a_jump_is_played_from_zero_because_a_burst_rests_at_its_first_point(
+    interpolation: Interpolation, before_v: list[float]
+) -> None:
+    # given a pulse that begins with a jump, 1 us after its trigger
+    pulse = SampledPulse(np.array([1.0, 0.25]), 1e6, 1e-6, interpolation)
+    # when it is put on the grid
+    played = on_grid(pulse, MODEL)
+    # then the generator rests at zero, and what it plays in the interval before is told
+    assert isinstance(played, SampledPulse)
+    assert played.start_s == 0
+    assert played.volts.tolist() == pytest.approx([0.0, 1.0, 0.25, *[0.0] * 5], abs=2e-5)
+    assert played.at(np.array([0.0, 0.5e-6, 0.75e-6])).tolist() == pytest.approx(before_v, abs=2e-5)
+    # and from there on it is the pulse that was asked for
+    times = np.array([1.0, 1.2, 1.7, 1.999]) * 1e-6 + 1e-10
+    assert played.at(times) == pytest.approx(pulse.at(times), abs=1e-3)
+    # and it is on the grid now, as is a pulse that rises from zero, or from less than half a step
+    assert on_grid(played, MODEL) == played
+    rising = on_grid(SampledPulse(np.array([1e-6, 1.0, 0.0]), 1e6), MODEL)
+    assert isinstance(rising, SampledPulse)
+    assert (rising.start_s, rising.volts.argmax()) == (0, 1)
 
 
 @pytest.mark.parametrize(
     ("stimulus", "said"),
     [
-        (Sine(31e6, 0.1), "31000000 Hz: 33522B makes 1e-06 to 3e+07 Hz"),
+        (Sine(31e6, 0.1), "31 MHz: 33522B makes 1 µHz to 30 MHz"),
         (Sine(1e6, 0.5e-3), "at least 0.001 Vpp"),
         (Sine(1e6, 9.0, 1.0), "at most 5 V peak"),
         (SampledPulse(np.ones(9), 300e6), "plays at most 2.5e+08 Sa/s"),
         (SampledPulse(np.ones(9), 1e6, -1e-6), "allows 0 to 1000 s"),
-        (SampledPulse(np.ones(1_000_001), 1e6), "holds at most 1000000"),
+        (SampledPulse(np.ones(1_000_001), 1e6, 1e-6), "holds at most 1000000"),
+        (
+            SampledPulse(np.ones(9), 1e6, 0.9e-6),
+            "so a zero goes before it; allowed: start_s of at least one interval, 1e-06 s",
+        ),
+        (SampledPulse(np.ones(9), 1e6, poles=(-1e7 + 0j,)), "has passed a filter of 1 poles"),
     ],
 )
 def test_a_refusal_names_the_limit(stimulus: Sine | SampledPulse, said: str) -> None:

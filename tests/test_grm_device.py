@@ -148,6 +148,7 @@ def test_arming_again_replaces_what_was_armed(client: Client, receiver: FakeRece
         ({"sample_count": 0}, Reason.SAMPLE_COUNT, "0 samples; allowed: 1 to 16064"),
         ({"sample_count": 16065}, Reason.SAMPLE_COUNT, "16065 samples"),
         ({"delay_s": -1e-6}, Reason.DELAY, "delay of -1e-06 s"),
+        ({"delay_s": 1.01}, Reason.DELAY, "delay of 1.01 s; allowed: 0 to 1 s"),
         ({"trigger": "digitizer"}, Reason.TRIGGER, "trigger digitizer; allowed: immediate, generator"),
         ({"products": "correlation_windows"}, Reason.PRODUCTS, "correlation_windows; allowed: window"),
     ],

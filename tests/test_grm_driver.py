@@ -175,11 +175,47 @@ def test_nobody_there_is_a_time_out_and_the_link_is_closed() -> None:
     bench = Bench()
     bench.link.back = lambda data: b""
 
-    with pytest.raises(LinkTimeout, match="ABORT"):
+    with pytest.raises(LinkTimeout, match=r"ABORT: no complete answer in time; is this the receiver's link?"):
         GrmDigitizer(bench.link, bench.clock, "cobs")
 
     assert bench.link.closed
     assert bench.clock.now_s() == 2.0
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (b"Agilent Technologies,33522B\n", "frame of 28 octets without a zero byte .* 41 67 69 6c"),
+        (b"\0\x09wrong\0", "frame of 6 octets that are not COBS"),
+    ],
+)
+def test_somebody_else_there_is_shown_by_his_first_octets(line: bytes, said: str) -> None:
+    bench = Bench()
+    answers = iter([line])
+    bench.link.back = lambda data: next(answers, b"")
+
+    with pytest.raises(CorruptData, match=f"ABORT: .*{said}.*; is this the receiver's link?"):
+        GrmDigitizer(bench.link, bench.clock, "cobs")
+
+
+def test_a_wrong_request_number_is_shown_beside_the_one_that_was_due() -> None:
+    bench = Bench()
+    bench.link.back = lambda data: b""
+    bench.say(Acknowledge(0))
+    bench.link.clear = lambda: None
+
+    with pytest.raises(StaleData, match=r"number 1864c000; 1 came under others, the last under 00000000$"):
+        GrmDigitizer(bench.link, bench.clock, "cobs")
+
+
+def test_a_receiver_whose_spec_breaks_the_rules_is_not_opened() -> None:
+    bench = Bench()
+    bench.receiver.spec = replace(SPEC, bits=20)
+
+    with pytest.raises(CorruptData, match="receiver, SPEC: spec: bits 20; allowed: 1 to 16"):
+        GrmDigitizer(bench.link, bench.clock, "cobs")
+
+    assert bench.link.closed
 
 
 def test_another_receiver_on_the_link_is_noticed(bench: Bench) -> None:
@@ -239,7 +275,9 @@ def test_an_older_window_instead_of_the_answer_is_called_stale(bench: Bench) -> 
     bench.link.device.read(65536)
     bench.say(old[0])
 
-    with pytest.raises(StaleData, match="1 packets to older questions"):
+    request_id = bench.link.device._armed or bench.digitizer._armed[1]
+    said = f"under request number {request_id:08x}; 1 came under others, the last under 18640000"
+    with pytest.raises(StaleData, match=said):
         bench.digitizer.read(1.0)
 
 
@@ -251,13 +289,36 @@ def test_a_window_of_another_shot_under_the_right_request_is_stale(bench: Bench)
         bench.digitizer.read(1.0)
 
 
-@pytest.mark.parametrize("change", [{"gain_code": 3}, {"counts": np.zeros(399, np.int16)}])
-def test_a_window_that_differs_from_the_request_is_refused(bench: Bench, change: dict) -> None:
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"gain_code": 3}, "asked for gain code 4, it has 3"),
+        ({"counts": np.zeros(399, np.int16)}, "asked for 400 samples, 399 came"),
+        ({"counts": np.full(400, -30000, np.int16)}, "counts from -30000 to 300; allowed with 12 bits: "),
+        ({"sample_interval_s": 1e-7}, "sample interval 1e-07 s; the spec's 80000000.0 Hz mean 1.25e-08 s"),
+        ({"start_s": 1.0}, "start 1.0 s; asked for a delay of 0.0 s"),
+        ({"volts_per_count": 4.88e-300}, "volts per count 4.88e-300, with 12 bits a span of"),
+        ({"zero_count": 1e300}, r"zero count 1e\+300; allowed: -65536 to 65536"),
+    ],
+)
+def test_a_window_that_contradicts_request_or_spec_is_refused(bench: Bench, change: dict, said: str) -> None:
     request_id = bench.arm(REQUEST)
     (segment,) = segments(replace(window_for(REQUEST), **change), request_id)
     bench.say(segment)
 
-    with pytest.raises(CorruptData, match="asked for"):
+    with pytest.raises(CorruptData, match=f"window of shot 5: {said}"):
+        bench.digitizer.read(1.0)
+    assert bench.measure(REQUEST).shot == 5
+
+
+def test_candidates_alone_bring_no_samples(bench: Bench) -> None:
+    request = replace(REQUEST, products="candidates")
+
+    assert bench.measure(request).counts.size == 0
+
+    request_id = bench.arm(request)
+    bench.say(segments(window_for(REQUEST), request_id)[0])
+    with pytest.raises(CorruptData, match="asked for 0 samples, 400 came"):
         bench.digitizer.read(1.0)
 
 
@@ -295,7 +356,8 @@ def test_a_damaged_last_segment_is_called_damage_not_silence(bench: Bench) -> No
     data[-5] ^= 0x10
     bench.link.pending.append(bytes(data))
 
-    with pytest.raises(CorruptData, match="1 damaged packets"):
+    # Then the rule that refused it is named, and how it began
+    with pytest.raises(CorruptData, match=r"1 damaged, .* CRC-16 0x.*; it begins with 08 64 [0-9a-f ]{29}$"):
         bench.digitizer.read(1.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -48,6 +49,8 @@ from belahil.grm_link import (
     telemetry,
     unpack_window,
 )
+from belahil.grm_link.spec import pack_spec
+from belahil.receiver import DigitizerSpec
 from belahil.values import WindowRequest
 
 FRAMINGS = ["cobs", "raw"]
@@ -205,7 +208,7 @@ names = st.text(st.characters(codec="utf-8"), max_size=60)
 answers = st.one_of(
     st.builds(Acknowledge, u32),
     st.builds(Refusal, u32, st.integers(0, 65535), names),
-    st.builds(IdentityReport, u32, names),
+    st.builds(IdentityReport, u32, names.filter(str.strip)),
     st.builds(SpecReport, u32, specs),
     st.builds(HousekeepingReport, u32, st.dictionaries(names, numbers, max_size=9)),
 )
@@ -238,6 +241,84 @@ def test_reading_any_contents_raises_nothing_but_corrupt_data(kind: tuple[int, i
     except CorruptData:
         return
     assert answer is not None
+
+
+SPEC = DigitizerSpec(80e6, 12, 2, 16064, (0, 1, 4))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"sample_rate_hz": 1e-314}, r"spec: sample rate 1e-314 Hz; allowed: 1 to 1e\+12 Hz"),
+        ({"sample_rate_hz": math.nan}, "spec: sample rate nan Hz"),
+        ({"sample_rate_hz": math.inf}, "spec: sample rate inf Hz"),
+        ({"sample_rate_hz": -80e6}, "spec: sample rate -80000000.0 Hz"),
+        ({"bits": 0}, "spec: bits 0; allowed: 1 to 16"),
+        ({"bits": 20}, "spec: bits 20; allowed: 1 to 16"),
+        ({"converters": 0}, "spec: converters 0; allowed: 1 or more"),
+        ({"max_sample_count": 0}, "spec: largest sample count 0; allowed: 1 to 16777216"),
+        ({"max_sample_count": 2**24 + 1}, "spec: largest sample count 16777217"),
+        ({"triggers": ()}, "mask of triggers names none; allowed: at least one of immediate, generator,"),
+        ({"products": ()}, "mask of products names none; allowed: at least one of window, candidates,"),
+        ({"gain_codes": (4, 4, 6)}, "spec: gain codes 4, 4, 6; allowed: each once"),
+        ({"gain_codes": (4, 255)}, "spec: gain code 255; allowed: 0 to 254"),
+    ],
+)
+def test_a_spec_that_contradicts_the_page_is_refused_with_its_field(change: dict, said: str) -> None:
+    packet = telemetry(SpecReport(1, replace(SPEC, **change)), 0)
+
+    with pytest.raises(CorruptData, match=said):
+        read_answer(packet)
+
+
+LONG = "one octet of text, " * 54  # 1026 octets
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "said"),
+    [
+        ((1, 1), b"", "acknowledge: the request number would end at octet 4, but there are 0 octets"),
+        ((1, 1), b"1234!", "acknowledge: ends at octet 4, but there are 5 octets"),
+        ((1, 2), b"12345", "refusal: the reason would end at octet 6, but there are 5 octets"),
+        ((200, 129), b"1234", "identity '' is blank"),
+        ((200, 129), b"1234 \n", "is blank"),
+        ((200, 129), b"1234\xff\xfe", "identity is not UTF-8: invalid start byte at octet 0"),
+        ((200, 129), b"1234" + LONG.encode(), "identity of 1026 octets; allowed: at most 1024"),
+        ((200, 130), b"1234" + pack_spec(SPEC) + b"!", "spec: ends at octet 24, but there are 25 octets"),
+        (
+            (200, 130),
+            b"1234" + pack_spec(SPEC)[:-1],
+            "list of 3 gain codes would end at octet 24, .* 23 octets",
+        ),
+        ((200, 130), b"1234" + pack_spec(SPEC)[:9], "spec: its last field would end at octet 21"),
+        ((200, 131), b"1234", "window segment: the CRC-32 would end at octet 16"),
+        ((200, 131), b"1234" + bytes(5) + b"\1\0\1" + bytes(4), "window segment 1 of 1"),
+        ((200, 132), b"1234", "housekeeping: the number of named values would end at octet 5"),
+        ((200, 132), b"1234\1\3ab", "housekeeping: the name of named value 1 of 1 would end at octet 9"),
+        ((200, 132), b"1234\1\1\xff" + bytes(8), "named value 1 of 1 is not UTF-8"),
+        ((200, 132), b"1234\2\0" + bytes(8) + b"\0" + bytes(8), "2 named values with only 1 different"),
+    ],
+)
+def test_an_answer_that_contradicts_the_page_says_where(
+    kind: tuple[int, int], data: bytes, said: str
+) -> None:
+    with pytest.raises(CorruptData, match=said):
+        read_answer(Telemetry(*kind, 0, data))
+
+
+@pytest.mark.parametrize("flags", [0, 1, 2])
+def test_only_windows_come_in_several_packets(flags: int) -> None:
+    packet = replace(telemetry(Acknowledge(1), 0), grouping=flags)
+
+    with pytest.raises(CorruptData, match=f"acknowledge with sequence flags {flags}; allowed: 3"):
+        read_answer(packet)
+
+
+def test_a_segment_whose_flags_say_something_else_is_refused() -> None:
+    packet = telemetry(segments(a_window(), 1)[0], 0)
+
+    with pytest.raises(CorruptData, match="window segment 0 of 1 with sequence flags 0; 3 are due"):
+        read_answer(replace(packet, grouping=0))
 
 
 # --- streams
@@ -320,6 +401,60 @@ def test_a_stream_without_end_is_not_kept(framing: str) -> None:
     assert stream.damaged > 0
 
 
+def resealed(packet: bytes, at: int, octets: bytes) -> bytes:
+    """The packet with other octets at one place, and the CRC-16 that belongs to them."""
+    changed = packet[:at] + octets + packet[at + len(octets) : -2]
+    return changed + crc16(changed).to_bytes(2, "big")
+
+
+INTACT = telemetry(Acknowledge(0x1864C000), 0).pack()
+
+
+@pytest.mark.parametrize("framing", FRAMINGS)
+@pytest.mark.parametrize(
+    ("packet", "rule"),
+    [
+        (INTACT[:-1] + b"\0", f"packet with CRC-16 0xcd00, not 0x{INTACT[-2:].hex()}"),
+        (resealed(INTACT, 0, b"\x18"), "packet with identification 0x1864, not 0x0864"),
+        (resealed(INTACT, 6, b"\x10"), "packet of PUS version 1, not 2"),
+        (resealed(INTACT, 4, b"\xff\xff"), "length field means 65542"),
+        (INTACT[:9], "packet of 9 octets; allowed: 22 to 16384"),
+    ],
+)
+def test_a_dropped_packet_leaves_its_rule_and_its_first_octets(
+    framing: str, packet: bytes, rule: str
+) -> None:
+    stream = packet_stream(Telemetry, framing)
+
+    assert stream.feed(framed(packet, framing)) + stream.end() == []
+
+    assert stream.damaged == 1
+    assert rule in stream.complaint
+    assert stream.complaint.endswith(f"; it begins with {packet[:12].hex(' ')}")
+
+
+@pytest.mark.parametrize(
+    ("line", "rule"),
+    [
+        (b"\0\x09wrong\0", "frame of 6 octets that are not COBS"),
+        (cobs.encode(INTACT), "frame of 27 octets without a zero byte behind them"),
+    ],
+)
+def test_a_dropped_frame_leaves_its_rule(line: bytes, rule: str) -> None:
+    stream = packet_stream(Telemetry, "cobs")
+
+    assert stream.feed(line) + stream.end() == []
+
+    assert rule in stream.complaint
+
+
+def test_a_segmented_telecommand_is_refused() -> None:
+    packet = resealed(telecommand(Verb.ABORT, 9).pack(), 2, b"\x40")
+
+    with pytest.raises(CorruptData, match="packet with sequence flags 1, not 3"):
+        Telecommand.unpack(packet)
+
+
 # --- windows
 
 
@@ -355,19 +490,48 @@ def test_unpacking_any_payload_raises_nothing_but_corrupt_data(data: bytes) -> N
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "said"),
     [
-        {"volts_per_count": 0.0},
-        {"volts_per_count": float("nan")},
-        {"zero_count": float("inf")},
-        {"sample_interval_s": -1.0},
-        {"start_s": float("nan")},
-        {"saturated": 901},
+        ({"volts_per_count": 0.0}, "volts per count 0.0; allowed: finite, above 0"),
+        ({"volts_per_count": math.nan}, "volts per count nan"),
+        ({"zero_count": math.inf}, "zero count inf; allowed: finite$"),
+        ({"sample_interval_s": -1.0}, "sample interval -1.0; allowed: finite, above 0"),
+        ({"start_s": math.nan}, "start nan; allowed: finite$"),
+        ({"saturated": 901}, "901 of 900 samples saturated"),
     ],
 )
-def test_a_window_with_unusable_numbers_is_refused(change: dict) -> None:
-    with pytest.raises(CorruptData, match=r"window of"):
+def test_a_window_with_unusable_numbers_is_refused(change: dict, said: str) -> None:
+    with pytest.raises(CorruptData, match=f"^window of shot 7: {said}"):
         unpack_window(pack_window(replace(a_window(), **change)))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda payload: payload[:20], "window: its head would end at octet 48, but there are 20 octets"),
+        (lambda payload: payload[:60], "window of shot 7: its 9 counts would end at octet 66, .* 60 octets"),
+        (lambda payload: payload[:70], "window of shot 7: candidate 1 would end at octet 92"),
+        (lambda payload: payload[:94], "window of shot 7: the 3 counts of candidate 1 would end at octet 98"),
+        (lambda payload: payload[:98], "7, behind 9 counts and 1 candidates: the number of named values"),
+        (lambda payload: payload[:5] + b"\5" + payload[6:], "shot 7: 5 candidates; allowed: at most 4"),
+        # the field of the number of samples is one too small, or one too large
+        (lambda payload: payload[:11] + b"\x08" + payload[12:], "window of shot 7.* would end at octet"),
+        (lambda payload: payload[:11] + b"\x0a" + payload[12:], "window of shot 7.* would end at octet"),
+    ],
+)
+def test_a_window_of_the_wrong_layout_says_where(change: object, said: str) -> None:
+    payload = pack_window(replace(a_window(samples=9)))
+
+    with pytest.raises(CorruptData, match=said):
+        unpack_window(change(payload))
+
+
+def test_a_wrong_crc_32_is_shown_beside_the_right_one() -> None:
+    (segment,) = segments(a_window(), 1)
+
+    said = f"window of shot 7: its segments say CRC-32 0x00000001, .* have 0x{segment.payload_crc32:08x}"
+    with pytest.raises(CorruptData, match=said):
+        WindowAssembler(1, 7).add(replace(segment, payload_crc32=1))
 
 
 @pytest.mark.parametrize(

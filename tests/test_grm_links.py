@@ -322,8 +322,16 @@ def test_a_serial_text_names_port_and_rate(
         "tty",
         "usb:1209",
         "usb:x:y",
+        "socket://127.0.0.1",
+        "socket://127.0.0.1:",
+        "socket://127.0.0.1:0",
+        "socket://127.0.0.1:65536",
+        "socket://127.0.0.1:port",
+        "socket://:5026",
+        "socket:127.0.0.1:5026",
     ],
 )
 def test_a_text_of_no_known_form_is_refused(text: str) -> None:
-    with pytest.raises(ConfigError, match=r"\[digitizer\] link"):
+    with pytest.raises(ConfigError, match=r"\[digitizer\] link") as caught:
         open_link(text)
+    assert ("a port from 1 to 65535" in str(caught.value)) == text.startswith("socket:")

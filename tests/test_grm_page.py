@@ -26,17 +26,34 @@ from belahil.grm_link import (
     Reason,
     Refusal,
     SpecReport,
+    Telecommand,
+    Telemetry,
     Verb,
+    WindowAssembler,
     framed,
+    pack_window,
+    read_answer,
     segments,
     telecommand,
     telemetry,
 )
+from belahil.grm_link.answers import MAX_TEXT_BYTES
+from belahil.grm_link.spec import FASTEST_HZ, MOST_BITS, MOST_SAMPLES, SLOWEST_HZ
 from belahil.receiver import DigitizerSpec
 from belahil.values import Candidate, RangeWindow, WindowRequest
 from drivers.grm import GrmDigitizer
+from drivers.grm_rules import (
+    INTERVAL_TOLERANCE,
+    LARGEST_SPAN_V,
+    LARGEST_ZERO_COUNT,
+    SMALLEST_SPAN_V,
+    check_window,
+    spans_of,
+)
 from drivers.grm_session import ANSWER_TIMEOUT_S, READ_BYTES
 from drivers.serial_link import DEFAULT_BAUD
+from procedures.dark_noise import LEAST_SAMPLES
+from sim.devices.grm import LONGEST_DELAY_S
 
 
 def examples() -> dict[str, bytes]:
@@ -47,32 +64,35 @@ def examples() -> dict[str, bytes]:
     }
 
 
+REQUEST = WindowRequest(shot=7, gain_code=4, sample_count=5, delay_s=1e-6, trigger="generator")
+SPEC = DigitizerSpec(80e6, 12, 2, 16064, (0, 1, 4))
+WINDOW = RangeWindow(
+    counts=np.array([-2048, -1, 0, 1, 2047], np.int16),
+    volts_per_count=2 / 4096,
+    zero_count=0.0,
+    sample_interval_s=12.5e-9,
+    start_s=1e-6,
+    gain_code=4,
+    shot=7,
+    saturated=2,
+    candidates=(Candidate(25e-9, 21e-9, 0.11, (-3, 200)),),
+    housekeeping={"temperature_k": 293.15},
+)
+
+
 def session() -> dict[str, bytes]:
     abort, identify, spec = (telecommand(v, n) for n, v in enumerate([Verb.ABORT, Verb.IDENTIFY, Verb.SPEC]))
-    request = WindowRequest(shot=7, gain_code=4, sample_count=5, delay_s=1e-6, trigger="generator")
-    arm = telecommand(Verb.ARM, 3, request)
-    refused = telecommand(Verb.ARM, 4, replace(request, gain_code=16))
+    arm = telecommand(Verb.ARM, 3, REQUEST)
+    refused = telecommand(Verb.ARM, 4, replace(REQUEST, gain_code=16))
     housekeeping = telecommand(Verb.HOUSEKEEPING, 5)
-    window = RangeWindow(
-        counts=np.array([-2048, -1, 0, 1, 2047], np.int16),
-        volts_per_count=2 / 4096,
-        zero_count=0.0,
-        sample_interval_s=12.5e-9,
-        start_s=1e-6,
-        gain_code=4,
-        shot=7,
-        saturated=2,
-        candidates=(Candidate(25e-9, 21e-9, 0.11, (-3, 200)),),
-        housekeeping={"temperature_k": 293.15},
-    )
-    first, last = segments(window, arm.request_id, 64)
+    first, last = segments(WINDOW, arm.request_id, 64)
     packets = {
         "abort": abort,
         "acknowledge of abort": telemetry(Acknowledge(abort.request_id), 0),
         "identify": identify,
         "identity": telemetry(IdentityReport(identify.request_id, "Example receiver, 17"), 1),
         "spec command": spec,
-        "spec": telemetry(SpecReport(spec.request_id, DigitizerSpec(80e6, 12, 2, 16064, (0, 1, 4))), 2),
+        "spec": telemetry(SpecReport(spec.request_id, SPEC), 2),
         "arm": arm,
         "acknowledge of arm": telemetry(Acknowledge(arm.request_id), 3, 1.5),
         "first segment": telemetry(first, 4, 2.25),
@@ -89,6 +109,17 @@ def session() -> dict[str, bytes]:
 
 def test_every_example_is_what_the_code_sends() -> None:
     assert examples() == session()
+
+
+def test_the_window_of_the_examples_keeps_the_rules_of_the_page() -> None:
+    answers = [
+        read_answer(Telemetry.unpack(examples()[name])) for name in ("spec", "first segment", "last segment")
+    ]
+    assembler = WindowAssembler(answers[1].request_id, 7)
+    *_, window = [assembler.add(segment) for segment in answers[1:]]
+
+    assert window.equals(WINDOW)
+    check_window(window, REQUEST, answers[0].spec)
 
 
 some_bytes = st.binary(max_size=700) | st.integers(0, 800).map(lambda size: b"\x01" * size)
@@ -149,10 +180,43 @@ def test_the_reasons_and_commands_of_the_page_are_those_of_the_code() -> None:
         (MAX_SEGMENT_BYTES, "part of the payload | at most {} octets"),
         (READ_BYTES, "reads with a buffer of {} octets"),
         (DEFAULT_BAUD, "no flow control; {} baud"),
+        (len(Telecommand(200, 1, 0).pack()), "from {} octets (telecommand)"),
+        (len(Telemetry(1, 1, 0).pack()), "{} octets (telemetry) to 16 384 octets"),
+        (MOST_SAMPLES, "u32 largest sample count | 1 to {} |"),
+        (MOST_BITS, "of a converter, 1 to {} |"),
+        (LEAST_SAMPLES, "which must be at least {}."),
+        (LARGEST_ZERO_COUNT, "the count of 0 V, -65 536 to {};"),
     ],
 )
 def test_the_limits_of_the_page_are_those_of_the_code(number: int, sentence: str) -> None:
     assert sentence.format(f"{number:,}".replace(",", " ")) in PAGE
+
+
+def test_the_ranges_of_the_page_are_those_of_the_code() -> None:
+    assert f"must have at most {MAX_TEXT_BYTES} octets" in PAGE
+    assert f"must hold 1 to {MAX_TEXT_BYTES} octets of UTF-8" in PAGE
+    assert (SLOWEST_HZ, FASTEST_HZ) == (1, 1e12)
+    assert "nominal; 1 to 10^12 |" in PAGE
+    assert (SMALLEST_SPAN_V, LARGEST_SPAN_V) == (1e-3, 1e3)
+    assert "times 2^bits, it is 1 mV to 1 kV" in PAGE
+    assert INTERVAL_TOLERANCE == 1e-12
+    assert "but for rounding (1 part in 10^12)" in PAGE
+    assert LONGEST_DELAY_S >= 0.01
+    assert "must accept delays from 0 to 0.01 s" in PAGE
+
+
+def test_the_counts_of_the_page_are_those_of_the_code() -> None:
+    spans = re.search(r"with 12 bits\s+from (-\d+) to (\d+) or from (\d+) to (\d+)", PAGE)
+    assert spans is not None
+    low, high, lowest, highest = map(int, spans.groups())
+    assert spans_of(12) == ((low, high), (lowest, highest))
+    assert [len(spans_of(bits)) for bits in (15, 16)] == [2, 1]
+
+    sent = re.search(r"count (-1) is 0x(\w{4}), (0) is 0x(\w{4}), (4095) is 0x(\w{4})", PAGE)
+    assert sent is not None
+    counts, octets = sent.groups()[::2], bytes.fromhex("".join(sent.groups()[1::2]))
+    window = replace(WINDOW, counts=np.array([*map(int, counts)], np.int16))
+    assert pack_window(window)[48:54] == octets
 
 
 def test_the_times_of_the_page_are_those_of_the_code() -> None:

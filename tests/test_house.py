@@ -263,6 +263,15 @@ def test_what_is_imported_is_declared() -> None:
     assert strangers == {}
 
 
+def test_what_is_declared_is_imported() -> None:
+    loaded_by_others = {"pyvisa-py", "h5py"}  # by pyvisa, as a backend; by h5netcdf, as its storage
+    used = set().union(*map(imported_names, source_files()))
+
+    idle = {name for name in DECLARED - loaded_by_others if IMPORT_NAME.get(name, name) not in used}
+
+    assert idle == set()
+
+
 def test_each_dependency_has_its_reason() -> None:
     table = (ROOT / "docs/dependencies.md").read_text(encoding="utf-8")
 

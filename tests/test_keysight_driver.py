@@ -150,6 +150,8 @@ _PULSES = st.builds(
     st.floats(0, 1e-3),
     st.sampled_from(["linear", "hold"]),
 )
+# One interval later: a pulse may begin with a jump.
+_PULSES = _PULSES.map(lambda one: replace(one, start_s=one.start_s + 1 / one.sample_rate_hz))
 _STIMULI = st.one_of(_SINES, _PULSES, st.just(NoSignal()), st.just(TransmittedPulse()))
 
 
@@ -244,7 +246,7 @@ def test_a_damaged_block_is_found(place: int) -> None:
     instrument.tamper = flipped
     # when a pulse is prepared, then it is not relied on
     with pytest.raises((CorruptData, InstrumentRefused)):
-        generator.prepare(replace(PULSE, volts=np.linspace(-0.1, 0.1, 20)), "generator")
+        generator.prepare(replace(PULSE, volts=np.linspace(-0.1, 0.1, 20), start_s=1e-6), "generator")
     assert not instrument.port.settings[-1].output
 
 
@@ -275,12 +277,12 @@ def test_closing_never_raises_and_switches_off() -> None:
     generator.prepare(Sine(1e6, 0.05), "immediate")
     generator.output(True)
     instrument.tamper = lambda message: b"" if b"OUTP1 0" in message else message
-    generator.close()
+    assert not generator.close()
     assert instrument.port.settings[-1].output
     generator, _ = _opened(instrument := Instrument())
     generator.output(True)
-    generator.close()
-    generator.close()
+    assert generator.close()
+    assert not generator.close()  # nobody is asked any more
     assert not instrument.port.settings[-1].output
 
 

@@ -236,6 +236,18 @@ def test_drawn_noise_has_the_autocovariance_from_its_first_sample(
     np.testing.assert_allclose(made, expected / expected[0, 0], rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize(("order", "highpass_hz"), [(6, 0.0), (3, 100.0)])
+def test_noise_is_right_where_a_sample_is_far_shorter_than_any_time_constant(
+    order: int, highpass_hz: float
+) -> None:
+    poles, zeros = poles_and_zeros(order, highpass_hz)
+    made = drawn_covariance(SampledNoise(poles, zeros, 1e-10), len(poles), 300)
+    lags = np.arange(300)
+    expected = autocovariance(poles, lags * 1e-10, zeros)[np.abs(lags[:, None] - lags)]
+    # The weights of six close poles cancel to some 1e-11 in the reference.
+    np.testing.assert_allclose(made, expected / expected[0, 0], rtol=0, atol=2e-10)
+
+
 def test_drawn_noise_has_the_folded_spectrum() -> None:
     # Given 60 windows of noise behind a 19-MHz filter of order 3 at 80 MHz
     noise = SampledNoise(butterworth.poles(19e6, 3), 0, 12.5e-9)
@@ -275,4 +287,4 @@ def test_impossible_filters_are_refused(poles: list[complex], zeros: int) -> Non
 
 def test_noise_sampled_too_finely_is_refused() -> None:
     with pytest.raises(RefusedInput, match="beyond double precision"):
-        SampledNoise(butterworth.poles(19e6, 6), 0, 1e-11)
+        SampledNoise(butterworth.poles(19e6, 6, 20.0), 1, 1e-13)

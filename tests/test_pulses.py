@@ -72,7 +72,7 @@ def _case(number: int, link: str) -> Case:
     pulse = SampledPulse(
         points,
         round(rng.uniform(20e6, 250e6), 6),
-        start_s=float(rng.integers(0, 900)) * NS,
+        start_s=float(rng.integers(50, 950)) * NS,  # it begins with a jump: one interval is needed before
         interpolation=("linear", "hold")[number % 2],
     )
     return Case(config, pulse, float(rng.choice([0.0, 400e-9, rng.uniform(0, 900e-9)])))
@@ -156,8 +156,9 @@ def test_counts_of_random_pulses_are_those_of_an_independent_integral(link: str,
         assert isinstance(played, SampledPulse)
         step_v = 1.001 * np.max(np.abs(case.pulse.volts)) / FULL_CODE  # amplitudes have four digits
         asked = np.zeros(played.volts.size)
-        asked[: case.pulse.volts.size] = case.pulse.volts
+        asked[1 : 1 + case.pulse.volts.size] = case.pulse.volts  # after the zero at which the burst rests
         assert np.max(np.abs(played.volts - asked)) <= step_v / 2
+        assert abs(played.start_s + 1 / played.sample_rate_hz - case.pulse.start_s) <= 0.501 * NS
         # and every count is within 1 of the independent integral
         volts = _integral(case, played, _times_s(case, shot))
         expected = volts / window.volts_per_count + window.zero_count

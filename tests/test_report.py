@@ -81,7 +81,7 @@ def test_the_page_tells_all_that_a_reader_asks(page: str) -> None:
         "5.193(12)",
         "19.0123(35)",
         "3.010(20)",
-        "not measurable",
+        "no_usable_point",
         "gain, code 0 source",
         "[generator] uncertainty.amplitude_relative 0.0121 97.0 %",
         "Room temperature was not recorded.",

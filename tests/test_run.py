@@ -15,6 +15,7 @@ from small_run import INSTRUMENTS, begin, made, measure, outcome, requested
 from belahil.config import BenchConfig, DigitizerTable, GeneratorTable, LimitsTable, parse_bench
 from belahil.errors import RefusedInput, StorageError
 from belahil.run import Run
+from belahil.run_folder import claim
 from belahil.values import Shot, WindowRequest
 
 TESTS = Path(__file__).resolve().parent
@@ -182,6 +183,16 @@ def test_what_is_no_run_cannot_be_resumed(tmp_path: Path) -> None:
     (tmp_path / "run" / "bench.toml").unlink()
     with pytest.raises(StorageError, match=r"bench.toml: cannot be read"):
         Run.resume(tmp_path / "run")
+
+
+def test_a_run_that_was_killed_before_its_journal_is_begun_again(tmp_path: Path) -> None:
+    # given a folder that was claimed, and no more
+    claim(tmp_path / "run").release()
+    # then it is neither resumed nor said to be resumable, in one line each
+    with pytest.raises(RefusedInput, match="ended before its first shot; remove the folder and begin again"):
+        Run.resume(tmp_path / "run")
+    with pytest.raises(RefusedInput, match=r"the folder is not empty$"):
+        begin(tmp_path / "run")
 
 
 OTHER_PROCESS = """

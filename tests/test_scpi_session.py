@@ -148,7 +148,7 @@ def test_a_late_answer_is_never_the_answer_of_the_next_question() -> None:
         return []
 
     link.disturb = delayed
-    with pytest.raises(LinkTimeout, match="no answer in 2 s"):
+    with pytest.raises(LinkTimeout, match="no answer that ends with a line feed in 2 s"):
         session.ask("A?")
     assert link.now == 2.0
     # when the next question is asked, another answer is due
@@ -181,6 +181,38 @@ def test_silence_after_a_time_out_stays_an_error_until_the_instrument_is_back() 
             session.ask("A?")
     link.disturb = lambda answer: [answer]
     assert session.ask("A?") == ["1"]
+
+
+def test_an_instrument_without_our_mark_is_shown_with_what_it_answers() -> None:
+    # given an instrument that does not know *ESE?, and answers with its identity alone
+    link = ScriptedLink()
+    link.disturb = lambda answer: [answer.partition(b";")[2]]
+    # when it is opened, then its answer is shown, and the mark that was due
+    with pytest.raises(CorruptData, match=rf"here: answers '{IDENTITY}' without our \*ESE mark: .*'1;' and"):
+        ScpiSession(link, link, "here")
+
+
+def test_an_instrument_with_another_mark_is_told_so() -> None:
+    link = ScriptedLink()
+    link.disturb = lambda answer: [b"7;" + IDENTITY.encode() + b"\n"]
+    with pytest.raises(StaleData, match=f"here: answer '7;{IDENTITY}' belongs to another question than num"):
+        ScpiSession(link, link, "here")
+
+
+@pytest.mark.parametrize(
+    ("disturbed", "said"),
+    [
+        (lambda answer: [], r"in 2 s; is this the generator's address, and not the receiver's\?"),
+        (lambda answer: [b"\0\x04\x08d"], r"in 2 s; it began with b'\\x00\\x04\\x08d'; is this the gen"),
+    ],
+)
+def test_silence_at_the_first_question_raises_the_question_of_the_address(
+    disturbed: object, said: str
+) -> None:
+    link = ScriptedLink()
+    link.disturb = disturbed  # type: ignore[assignment]
+    with pytest.raises(LinkTimeout, match=f"here: no answer that ends with a line feed {said}"):
+        ScpiSession(link, link, "here")
 
 
 def test_the_error_queue_is_emptied_in_order() -> None:
@@ -298,6 +330,19 @@ def test_a_closed_socket_is_told_from_a_slow_one(monkeypatch: pytest.MonkeyPatch
         # when it is asked, then its link is closed, not late
         with pytest.raises(LinkClosed, match=r"nobody answers at TCPIP::127\.0\.0\.1"):
             session.ask("A?")
+        session.close()
+
+
+def test_a_connection_that_was_closed_in_a_question_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    # given an instrument that closes in the middle of a question, and takes the next connection
+    monkeypatch.setattr(scpi, "ANSWER_TIMEOUT_S", 0.2)
+    with _served("close", "sound") as address:
+        session = ScpiSession(VisaLink(address, "@py"), SystemClock(), address)
+        # when it is asked, then the error says that it closed, and another question is answered
+        with pytest.raises(LinkError, match=f"^{address}: the instrument closed the connection$") as caught:
+            session.ask("A?")
+        assert not isinstance(caught.value, LinkClosed)
+        assert session.ask("A?") == ["1"]
         session.close()
 
 

@@ -54,7 +54,7 @@ STIMULI: tuple[Stimulus, ...] = (
     Sine(2.5e6, 0.05),
     SampledPulse(np.hanning(200) * 0.02, 80e6, start_s=1e-6),
     # A block full of line feeds: the code 0x0A0A is 2570 of 32767.
-    SampledPulse(np.append(np.full(500, 0.02 * 2570 / 32767), 0.02), 80e6),
+    SampledPulse(np.append(np.full(500, 0.02 * 2570 / 32767), 0.02), 80e6, 13e-9),
     Sine(2.5e6, 0.05),
 )
 

@@ -308,8 +308,20 @@ def test_one_record_that_contradicts_the_others_is_noticed() -> None:
 
 
 def test_no_usable_record_gives_no_clock() -> None:
-    clock = common_clock([(near(5e6), np.zeros(COUNT))], RATE_HZ)
-    assert (clock.status, clock.ppm, clock.standard_uncertainty_ppm) == ("not_measurable", 0.0, math.inf)
+    noise = 2e-3 * np.random.default_rng(10).standard_normal((2, COUNT))
+    for records in ([], [(near(5e6), np.zeros(COUNT))], [(near(5e6), noise[0]), (near(30e6), noise[1])]):
+        clock = common_clock(records, RATE_HZ)
+        assert (clock.status, clock.ppm, clock.standard_uncertainty_ppm) == ("not_measurable", 0.0, math.inf)
+
+
+def test_records_of_noise_do_not_disturb_the_clock() -> None:
+    rng = np.random.default_rng(12)
+    records = sweep(-140.0, rng, 4016, 0.05)
+    alone = common_clock(records, RATE_HZ)
+    records += [(f, 2e-3 * rng.standard_normal(4016)) for f in default_frequencies(RATE_HZ, 4016, 120e6, 20)]
+    together = common_clock(records, RATE_HZ)
+    assert together.records == alone.records == 6
+    assert together.ppm == pytest.approx(alone.ppm, abs=0.02 * alone.standard_uncertainty_ppm)
 
 
 # ---- what other estimators make of the same records

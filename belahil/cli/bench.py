@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from belahil.cli.options import version_option
+from belahil.cli.signals import closing
 
 if TYPE_CHECKING:
     from belahil.config import BenchConfig
@@ -19,7 +20,7 @@ def command() -> None:
     """Bench files and benches."""
 
 
-@command.command("new")
+@command.command("new", short_help="Write a bench file with every key.")
 @click.argument("file", type=click.Path(path_type=Path), default=Path("bench.toml"))
 @click.option("--driver", default="keysight-33500", show_default=True, help="Driver of the generator.")
 @click.option("--address", default="emulated", show_default=True, help="Generator: a VISA resource name.")
@@ -42,39 +43,58 @@ def new(file: Path, driver: str, address: str, link: str | None, receiver: str) 
     if file.exists():
         raise RefusedInput(f"{file}: is there already; give another name")
     write_whole(file, text)
-    print(f"bench file: {file}; try it with: belahil bench check --bench {file}")
+    print(f"bench file: {file}; try it with: belahil bench check {file}")
     return 0
 
 
-@command.command("show")
+@command.command("show", short_help="List drivers, receivers and links, or say what a bench is.")
 @click.argument("file", required=False, metavar="[FILE|emulated|simulated]")
-def show(file: str | None) -> int:
+@click.option("--bench", metavar="FILE|emulated|simulated", help="The same as FILE.")
+def show(file: str | None, bench: str | None) -> int:
     """List drivers, models with their limits, receivers and links; with FILE, say what that bench is."""
     from belahil.cli.bench_shown import catalogue, described
     from belahil.config import load_bench
 
+    file = _one_of(file, bench)
     print(catalogue() if file is None else described(load_bench(file)))
     return 0
 
 
-@command.command("check")
-@click.option("--bench", metavar="FILE|emulated|simulated", help="The bench; emulated when left out.")
+@command.command("check", short_help="Do the instruments answer?")
+@click.argument("file", required=False, metavar="[FILE|emulated|simulated]")
+@click.option("--bench", metavar="FILE|emulated|simulated", help="The same as FILE.")
 @click.option("--address", help="Generator, in place of the bench file's.")
 @click.option("--link", help="Digitizer, in place of the bench file's.")
-@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Goes before [emulation] seed.")
-def check(bench: str | None, address: str | None, link: str | None, seed: int | None) -> int:
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Seed of the emulation, in place of [emulation] seed.",
+)
+def check(
+    file: str | None, bench: str | None, address: str | None, link: str | None, seed: int | None
+) -> int:
     """Ask both instruments who they are, and play a sine through the receiver.
 
+    The bench is the emulated one when FILE is left out.
     Status 3 when an instrument does not answer or the sine does not come back.
     """
     from belahil.bench import open_bench
     from belahil.cli.bench_tried import tried
     from belahil.config import load_bench
 
-    with open_bench(_placed(load_bench(bench or "emulated"), address, link), seed=seed) as opened:
+    config = _placed(load_bench(_one_of(file, bench) or "emulated"), address, link)
+    with closing(open_bench(config, seed=seed)) as opened:
         for line in tried(opened):
             print(line, flush=True)
     return 0
+
+
+def _one_of(file: str | None, bench: str | None) -> str | None:
+    """Return the bench, which may stand as an argument or behind ``--bench``."""
+    if file is not None and bench not in (None, file):
+        raise click.UsageError(f"{file} and --bench {bench}: name one bench")
+    return bench if file is None else file
 
 
 def _placed(config: BenchConfig, address: str | None, link: str | None) -> BenchConfig:

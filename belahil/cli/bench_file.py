@@ -13,7 +13,7 @@ _BENCH = """\
 [bench]
 trigger = "generator"        # who starts the window of a pulse: generator | digitizer
 trigger_delay_s = 0.0        # from that trigger to the window, or to the generator's output
-settle_s = 0.0               # wait after each change of the stimulus
+settle_s = 0.0               # wait after each change of stimulus or gain code; real generators need some 0.05
 
 [generator]
 driver = {driver}   # `belahil bench show` lists them

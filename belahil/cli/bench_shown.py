@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from belahil.generators import FAMILIES, MODELS
 from belahil.receiver import RECEIVERS
+from belahil.report.tables import span_text
 from belahil.uncertainty import PREFIXES, prefix_power
 
 if TYPE_CHECKING:
@@ -49,15 +50,23 @@ def described(config: BenchConfig) -> str:
         f"generator: {generator.driver} at {generator.address}, set to {generator.load_ohm:g} ohm, "
         f"{generator.attenuation_db:g} dB to the cut, at most {generator.max_vpp:g} Vpp there",
         f"digitizer: {digitizer.driver} at {digitizer.link}, {digitizer.input_ohm:g} ohm",
-        f"receiver: {_receiver(RECEIVERS[digitizer.receiver])}",
+        f"receiver: {_known_of(config)}",
         f"trigger: {config.bench.trigger}",
     ]
     limits = config.limits
     if limits is None:
         return "\n".join([*lines, "limits: none, so that a run has no verdict"])
     spans = {key: getattr(limits, key) for key in limits.__struct_fields__}
-    told = ", ".join(f"{key} {span[0]:g} to {span[1]:g}" for key, span in spans.items() if span is not None)
+    told = ", ".join(f"{key} {span_text(key, *span)}" for key, span in spans.items() if span is not None)
     return "\n".join([*lines, f"limits: {told}"])
+
+
+def _known_of(config: BenchConfig) -> str:
+    """Say what the preset is: of a real receiver nothing is known before it answers."""
+    preset = _receiver(RECEIVERS[config.digitizer.receiver])
+    if config.source == "hardware":
+        return f"tells its converters when it is asked (bench check); to compare with, the preset {preset}"
+    return preset
 
 
 def _receiver(spec: ReceiverSpec) -> str:

@@ -38,7 +38,8 @@ def tried(bench: Bench) -> Iterator[str]:
     code = None if codes is None else min(codes, key=lambda one: abs(one - GAIN_CODE))
     samples = bench.spec.max_sample_count
     dark = bench.measure(NoSignal(), WindowRequest(0, code, samples)).window
-    yield f"dark window at gain code {code}: {_si(float(np.std(dark.volts)), 'V')} rms at the converter"
+    setting = "" if code is None else f" at gain code {code}"
+    yield f"dark window{setting}: {_si(float(np.std(dark.volts)), 'V')} rms at the converter"
 
     asked = Sine(FREQUENCY_HZ, min(LARGEST_VPP, bench.config.generator.max_vpp / 2))
     shot = bench.measure(asked, WindowRequest(1, code, samples))

@@ -16,13 +16,20 @@ from belahil.cli.options import Codes, Decimals, common, common_options
     "amplitudes_vpp",
     type=Decimals(-3),
     metavar="LIST",
-    help="Amplitudes at the cut, mV peak to peak.",
+    help="Amplitudes at the receiver's input, mV peak to peak; 3,13,30,50,200 when left out.",
 )
 @click.option(
-    "--frequencies-mhz", "frequencies_hz", type=Decimals(6), metavar="LIST", help="Frequencies, MHz."
+    "--frequencies-mhz",
+    "frequencies_hz",
+    type=Decimals(6),
+    metavar="LIST",
+    help="Frequencies, MHz; 24 up to 38 MHz or the generator's limit when left out.",
 )
 @click.option(
-    "--dark-windows", type=click.IntRange(min=1), metavar="N", help="Windows without a signal, for each code."
+    "--dark-windows",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Windows without a signal, for each code; 4 when left out.",
 )
 @common_options
 def command(
@@ -50,10 +57,27 @@ def command(
 def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import one_text
 
-    best = next((row for row in results["gain_codes"] if row["code"] == results["best_code"]), None)
-    if best is None or results["best_code"] is None:
-        return ["no gain code could be characterized; the report says why"]
-    return [
-        f"best gain code: {best['code']} (gain {one_text(best['gain'])}, cut-off {one_text(best['cutoff'])}, "
-        f"input noise {one_text(best['input_noise_rms'])})"
-    ]
+    def numbers(row: dict[str, Any]) -> str:
+        return (
+            f"gain {one_text(row['gain'])}, cut-off {one_text(row['cutoff'])}, "
+            f"input noise {one_text(row['input_noise_rms'])}"
+        )
+
+    rows, best = results["gain_codes"], results["best_code"]
+    if best is not None:
+        return [f"best gain code: {best} ({numbers(row)})" for row in rows if row["code"] == best]
+    if [row["code"] for row in rows] != [None]:
+        some = any(row["gain"] is not None for row in rows)
+        return [f"{'no best gain code' if some else 'no gain code could be characterized'}: {_why(rows)}"]
+    if rows[0]["gain"] is None:
+        return [f"the receiver could not be characterized: {rows[0]['status']}"]
+    return [f"receiver without gain codes: {numbers(rows[0])}"]
+
+
+def _why(rows: list[dict[str, Any]]) -> str:
+    """Tell which status keeps which gain codes from being judged."""
+    codes: dict[str, list[str]] = {}
+    for row in rows:
+        if row["status"] != "ok":
+            codes.setdefault(row["status"], []).append(str(row["code"]))
+    return "; ".join(f"{status} at code {', '.join(ones)}" for status, ones in codes.items())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 import sys
 from typing import TYPE_CHECKING
 
@@ -22,20 +21,27 @@ def conditions(run: Run) -> dict[str, str]:
     bench, generator, digitizer = run.config.bench, run.config.generator, run.config.digitizer
     return {
         "windows": str(len(run.shots())),
-        "options": json.dumps(run.begun.options),
+        "options": "; ".join(f"{key}: {_told(value)}" for key, value in run.begun.options.items()),
         "command": command_line(),
         "between generator and cut": f"load setting {generator.load_ohm:g} ohm, attenuation "
         f"{generator.attenuation_db:g} dB, input resistance of the receiver {digitizer.input_ohm:g} ohm",
         "interlock": f"max_vpp = {generator.max_vpp:g} at the cut",
-        "timing": f"trigger by the {bench.trigger}, {bench.settle_s:g} s after each change of the stimulus",
+        "timing": f"trigger by the {bench.trigger}, {bench.settle_s:g} s after each change of stimulus or "
+        "gain code",
     }
+
+
+def _told(value: object) -> str:
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(str, value))
+    return "default" if value is None else str(value)
 
 
 def not_modelled() -> list[str]:
     """What the emulation at work leaves out, in the words of each part of it that is loaded."""
     rooms = sorted(name for name in sys.modules if name.startswith("sim."))
     return [
-        f"{name.removeprefix('sim.').replace('_', ' ')}: {paragraph}"
+        f"{name.rpartition('.')[2].replace('_', ' ')}: {paragraph}"
         for name in rooms
         for paragraph in _paragraphs(name)
     ]

@@ -15,7 +15,12 @@ if TYPE_CHECKING:
 
 @click.command("emulate", short_help="Serve an emulated bench to other processes.")
 @click.option("--bench", metavar="FILE|emulated", default="emulated", help="Its [emulation] is the truth.")
-@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Goes before [emulation] seed.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Seed of the emulation, in place of [emulation] seed.",
+)
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option("--scpi-port", type=click.IntRange(0, 65535), default=0, help="Port of the generator; 0: any.")
 @click.option("--link-port", type=click.IntRange(0, 65535), default=0, help="Port of the receiver; 0: any.")
@@ -24,7 +29,7 @@ if TYPE_CHECKING:
     "--client",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write a bench file with which another process measures this bench.",
+    help="Write, or replace, a bench file with which another process measures this bench.",
 )
 @version_option
 def command(

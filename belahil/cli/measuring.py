@@ -67,10 +67,24 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any]) -> int:
     if given.json:
         sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
     elif not given.quiet:
-        for line in [*job.lines(summary["results"]), f"verdict: {summary['verdict']}"]:
+        for line in job.lines(summary["results"]):
             print(line)
+        if summary["verdict"] not in ("pass", "none"):
+            print(*_not_passed(folder), sep="\n")
+        print(f"verdict: {summary['verdict']}")
         print(f"report: {folder / 'report.html'}")
     return 0 if summary["verdict"] in ("pass", "none") else 1
+
+
+def _not_passed(folder: Path) -> list[str]:
+    """Tell each limit that failed or is undecided, and for which values."""
+    from belahil.run_folder import read_json
+
+    found: dict[str, list[str]] = {}
+    for check in read_json(folder / "report.json")["checks"]:
+        if check["decision"] != "pass":
+            found.setdefault(f"{check['decision']}: {check['limit']}", []).append(check["label"])
+    return [f"{limit} ({', '.join(labels)})" for limit, labels in found.items()]
 
 
 def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[dict[str, Any], Path]:
@@ -83,7 +97,7 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
     procedure = importlib.import_module(f"procedures.{job.procedure}")
     options = _options(procedure, job, {key: value for key, value in chosen.items() if value is not None})
     with ExitStack() as stack:
-        with open_bench(given.bench or "emulated", seed=given.seed) as bench:
+        with signals.closing(open_bench(given.bench or "emulated", seed=given.seed)) as bench:
             plan = procedure.plan(bench, options)
             run = Run.create(
                 folder,
@@ -118,7 +132,7 @@ def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], 
             return read_json(folder / "summary.json"), folder
         procedure = importlib.import_module(f"procedures.{job.procedure}")
         with _noted(run):
-            with open_bench(run.config) as bench:
+            with signals.closing(open_bench(run.config)) as bench:
                 plan = procedure.plan(bench, _options(procedure, job, run.begun.options))
                 run.confirm(plan.as_json(), bench.identities)
                 _measure(procedure, bench, run, plan, given)
@@ -147,8 +161,15 @@ def _source(bench: Bench) -> str:
 
 def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -> None:
     begun = time.monotonic()
-    with signals.deferred(), shown(given.quiet, kept=len(run.shots())) as progress:
-        procedure.measure(bench, run, plan, progress)
+    try:
+        with signals.deferred(), shown(given.quiet, kept=len(run.shots())) as progress:
+            procedure.measure(bench, run, plan, progress)
+    finally:
+        dropped = bench.link_counts
+        if dropped.damaged or dropped.stale:
+            run.log(
+                f"the receiver's link dropped {dropped.damaged} damaged and {dropped.stale} stale packets"
+            )
     signals.check()
     if run.measured:
         each_ms = 1e3 * (time.monotonic() - begun) / run.measured

@@ -11,7 +11,9 @@ from belahil.cli.options import Codes, common, common_options
 
 @click.command("noise", short_help="Dark noise by gain code.")
 @click.option("--codes", type=Codes(), metavar="0-15|4,5", help="Gain codes; all when left out.")
-@click.option("--dark-windows", type=click.IntRange(min=1), metavar="N", help="Windows for each code.")
+@click.option(
+    "--dark-windows", type=click.IntRange(min=1), metavar="N", help="Windows for each code; 16 when left out."
+)
 @common_options
 def command(codes: tuple[int, ...] | None, dark_windows: int | None, **given: Any) -> int:
     """Measure the noise of a receiver by its gain codes, without a signal."""
@@ -24,4 +26,7 @@ def command(codes: tuple[int, ...] | None, dark_windows: int | None, **given: An
 def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import one_text
 
-    return [f"gain code {row['code']}: noise {one_text(row['noise_rms'])}" for row in results["gain_codes"]]
+    def name(code: int | None) -> str:
+        return "receiver without gain codes" if code is None else f"gain code {code}"
+
+    return [f"{name(row['code'])}: noise {one_text(row['noise_rms'])}" for row in results["gain_codes"]]

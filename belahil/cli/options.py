@@ -64,7 +64,10 @@ def common_options(function: F) -> F:
                 "--bench", metavar="FILE|emulated|simulated", help="The bench; emulated when left out."
             ),
             click.option(
-                "--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; new or empty."
+                "--out",
+                type=click.Path(path_type=Path),
+                metavar="DIR",
+                help="Run folder, new or empty; a dated one here when left out.",
             ),
             click.option(
                 "--resume",
@@ -72,16 +75,18 @@ def common_options(function: F) -> F:
                 metavar="DIR",
                 help="Continue the run in this folder; everything else is taken from it.",
             ),
-            click.option("--seed", type=int, metavar="N", help="Goes before [emulation] seed."),
+            click.option(
+                "--seed", type=int, metavar="N", help="Seed of the emulation, in place of [emulation] seed."
+            ),
             click.option(
                 "--record",
                 metavar="FILE",
                 expose_value=False,
                 callback=_refuse_record,
-                help="Not in this version.",
+                help="Record the links; not in this version.",
             ),
             click.option("--quiet", is_flag=True, help="Say nothing but errors."),
-            click.option("--json", "as_json", is_flag=True, help="Print summary.json."),
+            click.option("--json", "as_json", is_flag=True, help="Print summary.json and nothing else."),
             version_option,
         )
     ):

@@ -2,7 +2,7 @@
 
 ``docs/grm-link.md`` describes the link completely; this package is its codec, used by the driver and by
 the emulated receiver alike. Packets are in `packets`, their way over a line in `framing`, commands in
-`commands`, answers in `answers`, range windows in `window`.
+`commands`, answers in `answers` with `spec` and `named_values`, range windows in `window`.
 """
 
 from belahil.grm_link.answers import (

@@ -30,9 +30,17 @@ TELEMETRY_OVERHEAD_BYTES = _TELEMETRY.size + _CRC_BYTES
 STATED_WITHIN = _PRIMARY.size
 
 
-def crc16(data: bytes) -> int:
-    """CRC-16/IBM-3740: polynomial 0x1021, start 0xFFFF, not reflected; 0 over data and its own CRC."""
-    return crc_hqx(data, 0xFFFF)
+def crc16(data: bytes, before: int = 0xFFFF) -> int:
+    """CRC-16/IBM-3740: polynomial 0x1021, start 0xFFFF, not reflected; 0 over data and its own CRC.
+
+    Parameters
+    ----------
+    data : bytes
+        What is summed up.
+    before : int
+        CRC of what comes before it.
+    """
+    return crc_hqx(data, before)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +80,7 @@ class Telecommand:
             self.subtype,
             0,
         )
-        return _closed(head + self.data)
+        return _closed(head, self.data)
 
     @classmethod
     def unpack(cls, packet: bytes) -> Telecommand:
@@ -85,8 +93,9 @@ class Telecommand:
         """
         _check(packet, cls.PACKET_ID, _TELECOMMAND)
         _, sequence, _, version, service, subtype, _ = _TELECOMMAND.unpack_from(packet)
-        if sequence >> 14 != UNSEGMENTED or version >> 4 != _PUS_C:
-            raise CorruptData("telecommand is segmented or not of PUS version 2")
+        if sequence >> 14 != UNSEGMENTED:
+            raise CorruptData(f"packet with sequence flags {sequence >> 14}, not {UNSEGMENTED}")
+        _check_version(version)
         return cls(service, subtype, sequence & 0x3FFF, packet[_TELECOMMAND.size : -_CRC_BYTES])
 
 
@@ -133,7 +142,7 @@ class Telemetry:
             fraction >> 8,
             fraction & 0xFF,
         )
-        return _closed(head + self.data)
+        return _closed(head, self.data)
 
     @classmethod
     def unpack(cls, packet: bytes) -> Telemetry:
@@ -146,8 +155,7 @@ class Telemetry:
         """
         _check(packet, cls.PACKET_ID, _TELEMETRY)
         _, sequence, _, version, service, subtype, _, _, seconds, high, low = _TELEMETRY.unpack_from(packet)
-        if version >> 4 != _PUS_C:
-            raise CorruptData(f"telemetry of PUS version {version >> 4}, not 2")
+        _check_version(version)
         return cls(
             service,
             subtype,
@@ -167,18 +175,28 @@ def _data_length(head: struct.Struct, data: bytes) -> int:
     return head.size + len(data) + _CRC_BYTES - _PRIMARY.size - 1
 
 
-def _closed(packet: bytes) -> bytes:
-    if len(packet) + _CRC_BYTES > MAX_PACKET_BYTES:
-        raise ValueError(f"a packet of {len(packet) + _CRC_BYTES} octets; at most {MAX_PACKET_BYTES}")
-    return packet + crc16(packet).to_bytes(_CRC_BYTES, "big")
+def _closed(head: bytes, data: bytes) -> bytes:
+    size = len(head) + len(data) + _CRC_BYTES
+    if size > MAX_PACKET_BYTES:
+        raise ValueError(f"a packet of {size} octets; at most {MAX_PACKET_BYTES}")
+    checksum = crc16(data, crc16(head))
+    return b"".join((head, data, checksum.to_bytes(_CRC_BYTES, "big")))
 
 
 def _check(packet: bytes, packet_id: int, head: struct.Struct) -> None:
     if not head.size + _CRC_BYTES <= len(packet) <= MAX_PACKET_BYTES:
-        raise CorruptData(f"packet of {len(packet)} octets; {head.size + _CRC_BYTES} to {MAX_PACKET_BYTES}")
+        raise CorruptData(
+            f"packet of {len(packet)} octets; allowed: {head.size + _CRC_BYTES} to {MAX_PACKET_BYTES}"
+        )
     if int.from_bytes(packet[:2], "big") != packet_id:
-        raise CorruptData(f"packet identification 0x{packet[:2].hex()}, expected 0x{packet_id:04x}")
+        raise CorruptData(f"packet with identification 0x{packet[:2].hex()}, not 0x{packet_id:04x}")
     if stated_bytes(packet) != len(packet):
-        raise CorruptData(f"packet of {len(packet)} octets states {stated_bytes(packet)}")
+        raise CorruptData(f"packet of {len(packet)} octets whose length field means {stated_bytes(packet)}")
     if crc16(packet) != 0:
-        raise CorruptData("packet fails its CRC-16")
+        due = crc16(packet[:-_CRC_BYTES])
+        raise CorruptData(f"packet with CRC-16 0x{packet[-_CRC_BYTES:].hex()}, not 0x{due:04x}")
+
+
+def _check_version(version: int) -> None:
+    if version >> 4 != _PUS_C:
+        raise CorruptData(f"packet of PUS version {version >> 4}, not {_PUS_C}")

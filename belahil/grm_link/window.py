@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 import struct
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 from zlib import crc32
 
 import numpy as np
 
 from belahil.errors import CorruptData, StaleData
-from belahil.grm_link.answers import (
-    SEGMENT_OVERHEAD_BYTES,
-    WindowSegment,
-    pack_named_values,
-    read_named_values,
-)
+from belahil.grm_link.answers import SEGMENT_OVERHEAD_BYTES, WindowSegment
 from belahil.grm_link.commands import NO_GAIN_CODE
+from belahil.grm_link.named_values import pack_named_values, read_named_values
+from belahil.grm_link.octets import Octets
 from belahil.grm_link.packets import MAX_PACKET_BYTES, TELEMETRY_OVERHEAD_BYTES
 from belahil.values import Candidate, RangeWindow
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 MAX_CANDIDATES = 4
 MAX_SEGMENT_BYTES = MAX_PACKET_BYTES - TELEMETRY_OVERHEAD_BYTES - SEGMENT_OVERHEAD_BYTES
@@ -27,6 +28,7 @@ MAX_SEGMENT_BYTES = MAX_PACKET_BYTES - TELEMETRY_OVERHEAD_BYTES - SEGMENT_OVERHE
 _OFFSET = np.uint16(0x8000)
 _HEAD = struct.Struct(">IBBxxIIdddd")
 _CANDIDATE = struct.Struct(">dddH")
+_SCALES = ("volts per count", "zero count", "sample interval", "start")
 
 
 def pack_window(window: RangeWindow) -> bytes:
@@ -60,7 +62,7 @@ def pack_window(window: RangeWindow) -> bytes:
     except struct.error as error:
         raise ValueError(f"window of shot {window.shot}: {error}") from error
     counts = (window.counts.view(np.uint16) ^ _OFFSET).astype(">u2").tobytes()
-    return head + counts + candidates + pack_named_values(window.housekeeping)
+    return b"".join((head, counts, candidates, pack_named_values(window.housekeeping)))
 
 
 def _candidate(found: Candidate) -> bytes:
@@ -82,23 +84,20 @@ def unpack_window(payload: bytes) -> RangeWindow:
     CorruptData
         The payload does not follow the layout, or a scale is not a usable number.
     """
-    try:
-        shot, code, found, count, saturated, *scales = _HEAD.unpack_from(payload)
-        sent = np.frombuffer(payload, dtype=">u2", count=count, offset=_HEAD.size)
-        counts = (sent.astype(np.uint16) ^ _OFFSET).view(np.int16)
-        at = _HEAD.size + counts.nbytes
-        candidates = []
-        for _ in range(found):
-            candidate, at = _read_candidate(payload, at)
-            candidates.append(candidate)
-    except (struct.error, ValueError) as error:
-        raise CorruptData(f"window payload of {len(payload)} octets: {error}") from error
+    octets = Octets(payload, "window")
+    shot, code, found, count, saturated, *scales = octets.take(_HEAD, "its head")
+    octets.name = f"window of shot {shot}"
     volts_per_count, zero_count, sample_interval_s, start_s = scales
-    if not all(map(math.isfinite, scales)) or volts_per_count <= 0 or sample_interval_s <= 0:
-        raise CorruptData(f"window of shot {shot} with scales {scales} (V per count, zero, interval, start)")
-    if found > MAX_CANDIDATES or saturated > count:
-        raise CorruptData(f"window of {count} samples with {saturated} clipped and {found} candidates")
-    counts.flags.writeable = False
+    for name, value, lowest in zip(_SCALES, scales, (0.0, -math.inf, 0.0, -math.inf), strict=True):
+        if not lowest < value < math.inf:
+            raise CorruptData(f"{octets.name}: {name} {value}; allowed: finite{', above 0' * (lowest == 0)}")
+    if found > MAX_CANDIDATES:
+        raise CorruptData(f"{octets.name}: {found} candidates; allowed: at most {MAX_CANDIDATES}")
+    if saturated > count:
+        raise CorruptData(f"{octets.name}: {saturated} of {count} samples saturated")
+    counts = _read_counts(octets.take_bytes(2 * count, f"its {count} counts"))
+    candidates = tuple(_read_candidate(octets, number) for number in range(1, found + 1))
+    octets.name += f", behind {count} counts and {found} candidates"
     return RangeWindow(
         counts=counts,
         volts_per_count=volts_per_count,
@@ -108,16 +107,23 @@ def unpack_window(payload: bytes) -> RangeWindow:
         gain_code=None if code == NO_GAIN_CODE else code,
         shot=shot,
         saturated=saturated,
-        candidates=tuple(candidates),
-        housekeeping=MappingProxyType(read_named_values(payload[at:])),
+        candidates=candidates,
+        housekeeping=MappingProxyType(read_named_values(octets)),
     )
 
 
-def _read_candidate(payload: bytes, at: int) -> tuple[Candidate, int]:
-    arrival_s, fwhm_s, amplitude_v, size = _CANDIDATE.unpack_from(payload, at)
-    at += _CANDIDATE.size
-    counts = struct.unpack_from(f">{size}h", payload, at)
-    return Candidate(arrival_s, fwhm_s, amplitude_v, counts), at + 2 * size
+def _read_counts(octets: bytes) -> NDArray[np.int16]:
+    sent = np.frombuffer(octets, dtype=">u2").astype(np.uint16)
+    sent ^= _OFFSET
+    counts = sent.view(np.int16)
+    counts.flags.writeable = False
+    return counts
+
+
+def _read_candidate(octets: Octets, number: int) -> Candidate:
+    arrival_s, fwhm_s, amplitude_v, size = octets.take(_CANDIDATE, f"candidate {number}")
+    counts = octets.take(struct.Struct(f">{size}h"), f"the {size} counts of candidate {number}")
+    return Candidate(arrival_s, fwhm_s, amplitude_v, counts)
 
 
 def segments(
@@ -173,18 +179,27 @@ class WindowAssembler:
             )
         if segment.index != len(self._segments):
             raise CorruptData(
-                f"shot {self._shot}: segment {segment.index} came where {len(self._segments)} was due"
+                f"window of shot {self._shot}: segment {segment.index} came where "
+                f"{len(self._segments)} was due"
             )
         first = self._segments[0] if self._segments else segment
         if (segment.count, segment.payload_crc32) != (first.count, first.payload_crc32):
-            raise CorruptData(f"shot {self._shot}: segments of two different windows")
+            raise CorruptData(
+                f"window of shot {self._shot}: segments of two windows, "
+                f"{first.count} with CRC-32 0x{first.payload_crc32:08x} and "
+                f"{segment.count} with 0x{segment.payload_crc32:08x}"
+            )
         self._segments.append(segment)
         return self._window() if len(self._segments) == segment.count else None
 
     def _window(self) -> RangeWindow:
         payload = b"".join(segment.payload for segment in self._segments)
         if crc32(payload) != self._segments[0].payload_crc32:
-            raise CorruptData(f"shot {self._shot}: the window fails its CRC-32")
+            raise CorruptData(
+                f"window of shot {self._shot}: its segments say CRC-32 "
+                f"0x{self._segments[0].payload_crc32:08x}, its {len(payload)} octets have "
+                f"0x{crc32(payload):08x}"
+            )
         window = unpack_window(payload)
         if window.shot != self._shot:
             raise StaleData(f"asked for shot {self._shot}, the window says shot {window.shot}")

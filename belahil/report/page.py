@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from belahil.errors import RefusedInput, StorageError
 from belahil.report.figures import LABELS
-from belahil.report.tables import grids, named, one_text, unit_text
+from belahil.report.tables import grids, named, one_text, span_text, unit_text
 from belahil.run_folder import read_json
 from belahil.storage import write_whole
 from belahil.uncertainty import prefix_power
@@ -80,6 +80,7 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
         "named": named,
         "one_text": one_text,
         "quantity": _quantity,
+        "span": lambda check: span_text(check["limit"], check["low"], check["high"]),
         "moment": lambda date: date[:19].replace("T", " "),
     }
     text = environment.get_template("page.html.jinja").render(

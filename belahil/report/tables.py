@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from dataclasses import dataclass
 from typing import Any
@@ -71,6 +72,23 @@ def one_text(value: Any) -> str:
         power = prefix_power(value["value"], value["unit"])
         return f"{_cell(value, power)} {unit_text(value['unit'], power)}".strip()
     return _cell(value, 0)
+
+
+def span_text(key: str, low: float, high: float) -> str:
+    """Write the limits of a key of ``[limits]``, all their digits, in the unit that the key names.
+
+    Examples
+    --------
+    >>> span_text("cutoff_hz", 18.0e6, 20.0e6), span_text("input_noise_rms_v", 0.0, 3e-4)
+    ('18 to 20 MHz', '0 to 300 µV')
+    >>> span_text("gain", 4.9, 5.5)
+    '4.9 to 5.5'
+    """
+    unit = SUFFIXES.get(key.rpartition("_")[2], "1")
+    sizes = [abs(limit) for limit in (low, high) if math.isfinite(limit)]
+    power = prefix_power(max(sizes, default=0.0), unit)
+    ends = (f"{limit / 10.0**power:.12g}" for limit in (low, high))
+    return f"{' to '.join(ends)} {unit_text(unit, power)}".strip()
 
 
 def unit_text(unit: str, power: int) -> str:

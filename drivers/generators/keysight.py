@@ -121,10 +121,17 @@ class KeysightGenerator:
         """Start a stimulus that was prepared with ``trigger="generator"``."""
         self._session.send("*TRG")
 
-    def close(self) -> None:
-        """Switch the output off and let go of the link; never raises for a dead link."""
-        self._switch_off()
+    def close(self) -> bool:
+        """Switch the output off and let go of the link; never raises for a dead link.
+
+        Returns
+        -------
+        bool
+            Whether the instrument confirmed that its output is off.
+        """
+        is_off = self._switch_off()
         self._session.close()
+        return is_off
 
     @property
     def _silent(self) -> GeneratorSetting:
@@ -191,13 +198,14 @@ class KeysightGenerator:
             said = "; ".join(f'{number:+d} "{text}"' for number, text in errors)
             raise InstrumentRefused(f"{self._model.name} refused: {said}", errors[0][0])
 
-    def _switch_off(self) -> None:
+    def _switch_off(self) -> bool:
         self._verified = None
         for _ in range(2):
             with suppress(InstrumentError):
                 self._session.send(":OUTP1 0")
                 if self._session.ask(":OUTP1?") == ["0"]:
-                    return
+                    return True
+        return False
 
 
 def _changed(items: list[Item], before: GeneratorSetting | None, wanted: GeneratorSetting) -> list[Item]:

@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from belahil.receiver import DigitizerSpec
     from belahil.values import RangeWindow, WindowRequest
 
+LONGEST_DELAY_S = 1.0
+"""Assumed: 150 000 km of range, more than any altimeter sees."""
+
 
 class Receiver(Protocol):
     """What captures the windows: the plant's side of the device."""
@@ -209,8 +212,10 @@ def check(request: WindowRequest, spec: DigitizerSpec) -> None:
         raise InstrumentRefused(
             f"{request.sample_count} samples; allowed: 1 to {spec.max_sample_count}", Reason.SAMPLE_COUNT
         )
-    if request.delay_s < 0:
-        raise InstrumentRefused(f"delay of {request.delay_s} s; allowed: 0 or more", Reason.DELAY)
+    if not 0 <= request.delay_s <= LONGEST_DELAY_S:
+        raise InstrumentRefused(
+            f"delay of {request.delay_s} s; allowed: 0 to {LONGEST_DELAY_S:g} s", Reason.DELAY
+        )
     if request.trigger not in spec.triggers:
         raise InstrumentRefused(
             f"trigger {request.trigger}; allowed: {', '.join(spec.triggers)}", Reason.TRIGGER

@@ -1,0 +1,86 @@
+"""docs/data-file.md lists every variable of the data file of a real run, and the statuses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+import xarray
+
+from belahil.cli.main import main
+from belahil.outcome import STATUSES
+from procedures import butterworth_fit, dark_noise, sine_fit
+
+PAGE = (Path(__file__).resolve().parent.parent / "docs" / "data-file.md").read_text(encoding="utf-8")
+SWEEP = ["--codes", "4,5", "--amplitudes-mvpp", "30,480", "--frequencies-mhz", "1,5,15,20,29"]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, xarray.Dataset]:
+    folder = tmp_path_factory.mktemp("data-file")
+    found = {}
+    for name, words in (("characterize", SWEEP), ("noise", ["--codes", "4,5"])):
+        assert main([name, *words, "--bench", "simulated", "--out", str(folder / name), "--quiet"]) == 0
+        with xarray.open_dataset(folder / name / "data.nc") as opened:
+            found[name] = opened.load()
+    return found
+
+
+def told(heading: str) -> list[tuple[str, ...]]:
+    (section,) = re.findall(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S)
+    rows = [line.strip("| ").split(" | ") for line in section.splitlines() if line.startswith("| `")]
+    return sorted((row[0].strip("`"), row[1].strip(), row[2].strip(), row[3]) for row in rows)
+
+
+@pytest.mark.parametrize("name", ["characterize", "noise"])
+def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: str) -> None:
+    written = sorted(
+        (
+            str(variable),
+            ", ".join(map(str, values.dims)),
+            str(values.attrs.get("units", values.encoding.get("units", "flags"))),
+            str(values.attrs["long_name"]),
+        )
+        for variable, values in runs[name].variables.items()
+        if not str(variable).startswith("housekeeping_")
+    )
+    assert sorted(told("Of every shot") + told(f"Of `belahil {name}`")) == written
+
+
+def test_points_join_their_windows(runs: dict[str, xarray.Dataset]) -> None:
+    data = runs["characterize"]
+    windows = data.isel(shot=data["point_shot"].values)
+    assert np.array_equal(windows["frequency_hz"], data["point_frequency_hz"])
+    assert np.array_equal(windows["gain_code"], data["point_gain_code"])
+    assert np.array_equal(windows["planned_amplitude_vpp"], data["point_amplitude_vpp"])
+    # dark windows have no planned amplitude, and all others belong to a point
+    assert np.array_equal(np.flatnonzero(~np.isnan(data["planned_amplitude_vpp"])), data["point_shot"])
+
+
+def test_the_statuses_are_those_of_the_page(runs: dict[str, xarray.Dataset]) -> None:
+    rows = re.findall(r"^\| (\d+) \| `(\w+)` ", PAGE, re.MULTILINE)
+    assert rows == [(str(number), word) for number, word in enumerate(STATUSES)]
+    status = runs["characterize"]["point_status"]
+    named = [STATUSES[number] for number in status.values]
+    assert set(named) == {"ok", "clipped", "frequency_not_measurable"}  # 20 MHz is a quarter of the rate
+    assert status.attrs["flag_meanings"].split() == list(STATUSES)
+
+
+def test_every_status_that_is_made_has_a_number() -> None:
+    dark = get_args(dark_noise.Status)
+    made = {"no_usable_point", *get_args(butterworth_fit.Status), *dark, *get_args(sine_fit.SineStatus)}
+    made |= {f"noise_{word}" for word in dark if word != "ok"}
+    made -= {"masked"}  # which is ok in a table
+    assert made == set(STATUSES)
+
+
+def test_noise_density_is_one_variable_that_integrates_to_the_noise(runs: dict[str, xarray.Dataset]) -> None:
+    for data in runs.values():
+        density = data["noise_density"].sel(code=4)
+        step = float(data["noise_frequency"].diff("noise_frequency").mean())
+        # the spectrum is that of the raw windows without their mean, offsets of the converters apart
+        total = float(density.sum()) * step
+        assert total == pytest.approx(float(data["code_noise_total"].sel(code=4)) ** 2, rel=0.05)
