@@ -180,7 +180,7 @@ class VisaLink:
             return LinkTimeout(f"{self._address}: the instrument takes no more bytes")
         gone = status in ("error_connection_lost", "error_resource_not_found", "error_invalid_object")
         if gone or isinstance(error, (OSError, self._pyvisa.errors.InvalidSession)):
-            # Sockets of pyvisa-py connect in the background: only the first write learns that nobody is there.
+            # Sockets of pyvisa-py connect in the background: only the first write learns of it.
             if not self._has_answered or isinstance(error, ConnectionRefusedError):
                 return LinkClosed(f"nobody answers at {self._address}: {_line(error)}")
             return LinkClosed(f"{self._address} is gone: {_line(error)}")

@@ -59,6 +59,15 @@ def one_line(capsys: Captured) -> str:
     return answer.err
 
 
+@pytest.mark.parametrize(
+    ("word", "end"),
+    [("charcterize", " Did you mean 'characterize'?"), ("reprot", " Did you mean 'report'?"), ("xyz", "")],
+)
+def test_a_command_that_is_none_brings_the_nearest(capsys: Captured, word: str, end: str) -> None:
+    assert main([word]) == 2
+    assert one_line(capsys) == f"belahil: No such command '{word}'.{end}\n"
+
+
 # ---- a measurement
 
 
