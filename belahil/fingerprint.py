@@ -24,7 +24,9 @@ def plain(value: Any) -> Any:
     return msgspec.msgpack.decode(msgspec.msgpack.encode(value))
 
 
-def facts(procedure: str, plan: Mapping[str, Any] | None, config: BenchConfig, seed: int) -> dict[str, Any]:
+def facts(
+    procedure: str, plan: Mapping[str, Any] | None, config: BenchConfig, seed: int | None
+) -> dict[str, Any]:
     """Collect what the shots of a run depend on.
 
     Parameters
@@ -36,7 +38,7 @@ def facts(procedure: str, plan: Mapping[str, Any] | None, config: BenchConfig, s
     config : BenchConfig
         Without the places of the instruments, and without ``[limits]``, which only judge. ``[emulation]``
         belongs to the facts where it is read.
-    seed : int
+    seed : int or None
         Of the run.
     """
     bench = plain(config)

@@ -110,6 +110,8 @@ class Outcome:
         Each call draws one figure; the key names its files. Its label (``Figure.set_label``) is its caption.
     budget : sequence of BudgetLine
         Largest first within one quantity.
+    conditions : mapping of str to str
+        Circumstances by name, for the report.
     notes : sequence of str
         Sentences for the report: conditions, and what is not modelled.
     verdict_values : mapping of str to sequence of (label, Estimate or None)
@@ -121,5 +123,6 @@ class Outcome:
     numbers: Mapping[str, Number] = field(default_factory=dict)
     figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     budget: Sequence[BudgetLine] = ()
+    conditions: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
     verdict_values: Mapping[str, Sequence[tuple[str, Estimate | None]]] = field(default_factory=dict)

@@ -58,8 +58,8 @@ class Begun(Struct, frozen=True):
 
     Parameters
     ----------
-    procedure, seed, started
-        Name, seed, UTC date in ISO 8601.
+    procedure, seed, started, command
+        Name, seed of the emulation if there is one, UTC date in ISO 8601, what the user typed.
     options : dict
         What the user chose, as plain values.
     source : str
@@ -71,8 +71,9 @@ class Begun(Struct, frozen=True):
     """
 
     procedure: str
-    seed: int
+    seed: int | None
     started: str
+    command: str
     options: dict[str, Any]
     source: str
     instruments: dict[str, str]
@@ -109,7 +110,7 @@ class Run:
         procedure: str,
         config: BenchConfig,
         options: Mapping[str, Any],
-        seed: int,
+        seed: int | None,
         *,
         plan: Mapping[str, Any] | None = None,
         instruments: Mapping[str, str] | None = None,
@@ -128,8 +129,8 @@ class Run:
             The bench as used.
         options : mapping
             What the user chose, as plain values; a resume reads it back.
-        seed : int
-            Of this run.
+        seed : int or None
+            Of the emulation; None where real addresses answer.
         plan : mapping or None
             The plan as plain values; a resume must make an equal one.
         instruments : mapping or None
@@ -155,6 +156,7 @@ class Run:
                 procedure=procedure,
                 seed=seed,
                 started=utc_now(),
+                command=command_line(),
                 options=plain(options),
                 source=source or config.source,
                 instruments=dict(instruments or {}),
@@ -281,6 +283,7 @@ class Run:
         outcome: Outcome,
         conditions: Mapping[str, str] | None = None,
         not_modelled: Sequence[str] = (),
+        tell: Callable[[str], None] = lambda step: None,
     ) -> dict[str, Any]:
         """Write data file, figures, report and, last, the summary; return the summary.
 
@@ -292,6 +295,8 @@ class Run:
             What else the report tells of the measurement, by name.
         not_modelled : sequence of str
             What an emulated or simulated bench leaves out, for the report.
+        tell : callable
+            Told "writing" and "drawing" when that begins.
 
         Raises
         ------
@@ -307,6 +312,7 @@ class Run:
             "procedure": self.begun.procedure,
             "source": self.begun.source,
             "verdict": overall(found),
+            "checks": [check.as_json() for check in found],
             "seed": self.begun.seed,
             "software": software(),
             "instruments": self.begun.instruments,
@@ -315,9 +321,11 @@ class Run:
             "results": outcome.results,
         }
         text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+        tell("writing")
         write_data(self.folder / "data.nc", self.shots(), outcome.tables, summary, outcome.numbers)
-        conditions = {"fingerprint": self.fingerprint, **(conditions or {})}
+        conditions = {"fingerprint": self.fingerprint, **(conditions or {}), **outcome.conditions}
         told = material(outcome, found, conditions, not_modelled)
+        tell("drawing")
         told["figures"] = save_figures(self.folder, outcome.figures, self.begun.source)
         write_whole(self.folder / "report.json", json.dumps(told, indent=2, ensure_ascii=False) + "\n")
         write_page(self.folder, summary, told)

@@ -6,8 +6,9 @@ by as much, and is undecided otherwise.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -46,6 +47,17 @@ class Check:
     high: float
     estimate: Estimate | None
     decision: Decision
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the form that ``summary.json`` uses; an infinite limit is null."""
+        return {
+            "limit": self.limit,
+            "label": self.label,
+            "measured": None if self.estimate is None else self.estimate.as_json(),
+            "low": self.low if math.isfinite(self.low) else None,
+            "high": self.high if math.isfinite(self.high) else None,
+            "verdict": self.decision,
+        }
 
 
 def decide(low: float, high: float, estimate: Estimate | None) -> Decision:

@@ -56,6 +56,7 @@ class VisaLink:
         self._resource: Any = self._opened()
         self._is_socket = self._resource.resource_class == "SOCKET"
         self._is_fresh = True
+        self._has_answered = False
 
     def _opened(self) -> Any:
         try:
@@ -110,7 +111,9 @@ class VisaLink:
         try:
             if timeout_s != self._timeout_s:
                 self._set_timeout(resource, timeout_s)
-            return bytes(resource.read_raw(min(count, _CHUNK_BYTES)))
+            data = bytes(resource.read_raw(min(count, _CHUNK_BYTES)))
+            self._has_answered = True
+            return data
         except (OSError, self._pyvisa.errors.Error) as error:
             if _status(error) != "error_timeout":
                 raise self._failed(error) from error
@@ -175,11 +178,11 @@ class VisaLink:
         status = _status(error)
         if status == "error_timeout":
             return LinkTimeout(f"{self._address}: the instrument takes no more bytes")
-        if isinstance(error, ConnectionRefusedError):
-            # Sockets of pyvisa-py connect in the background: only the first write learns of it.
-            return LinkClosed(f"nobody answers at {self._address}: {_line(error)}")
         gone = status in ("error_connection_lost", "error_resource_not_found", "error_invalid_object")
         if gone or isinstance(error, (OSError, self._pyvisa.errors.InvalidSession)):
+            # Sockets of pyvisa-py connect in the background: only the first write learns of it.
+            if not self._has_answered or isinstance(error, ConnectionRefusedError):
+                return LinkClosed(f"nobody answers at {self._address}: {_line(error)}")
             return LinkClosed(f"{self._address} is gone: {_line(error)}")
         return LinkError(f"{self._address}: {_line(error)}")
 

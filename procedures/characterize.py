@@ -20,6 +20,7 @@ from belahil.values import Shot, WindowRequest
 from procedures.coherent import default_frequencies
 from procedures.noise import gain_codes, window_length
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
+from procedures.sine_fit import SinePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -114,6 +115,8 @@ def plan(bench: Bench, options: GainOptions) -> GainPlan:
         windows are too short.
     InterlockRefused
         An amplitude over ``max_vpp``.
+    RefusedInput
+        Fewer than two frequencies at which a sine can be measured.
     """
     spec = bench.spec
     sample_count = window_length(spec)
@@ -132,7 +135,24 @@ def plan(bench: Bench, options: GainOptions) -> GainPlan:
         bits=spec.bits,
     )
     check_all(bench, made.shots)
+    _refuse_unmeasurable(made, spec.sample_rate_hz)
     return made
+
+
+def _refuse_unmeasurable(plan: GainPlan, rate_hz: float) -> None:
+    """Refuse a sweep that can give no gain: it needs two frequencies, and some can never be measured."""
+    measurable = 0
+    for frequency_hz in plan.frequencies_hz:
+        sine = SinePlan(frequency_hz, rate_hz, plan.sample_count, plan.converters == 2)
+        measurable += sine.foreseen == "ok"
+        if measurable == 2:
+            return
+    step, half_hz = (4 if plan.converters == 2 else 2), rate_hz / plan.sample_count / 2
+    told = ", ".join(f"{one / 1e6:g}" for one in plan.frequencies_hz)
+    raise RefusedInput(
+        f"frequencies {told} MHz: {measurable} of them can be measured, a gain needs 2; allowed: at least "
+        f"{half_hz:.3g} Hz away from 0 and not a multiple of fs/{step} = {rate_hz / step / 1e6:g} MHz"
+    )
 
 
 def measure(

@@ -33,8 +33,8 @@ def gain_figure(found: Characterization) -> Figure:
     )
     # Left edge and width; the middle one has a second scale at its right.
     left, middle, right = (
-        figure.add_axes((edge, 0.125, width, 0.81))
-        for edge, width in ((0.055, 0.255), (0.365, 0.255), (0.738, 0.252))
+        figure.add_axes((edge, 0.15, width, 0.785))
+        for edge, width in ((0.05, 0.25), (0.352, 0.245), (0.748, 0.245))
     )
     _gain_against_frequency(left, found)
     _gain_and_noise(middle, found)

@@ -46,6 +46,7 @@ def outcome(plan: GainPlan, readings: WindowReadings, config: BenchConfig) -> Ou
         numbers=numbers(found),
         figures=_figures(found),
         budget=found.budget,
+        conditions=_conditions(found),
         notes=_notes(found, plan.converters, config.generator.uncertainty),
         verdict_values=_verdict_values(found),
     )
@@ -59,6 +60,9 @@ def _results(found: Characterization) -> dict[str, Any]:
     return {
         "gain_codes": [_code_json(one) for one in found.codes],
         "best_code": found.best_code,
+        "best_code_runner_up": None
+        if found.runner_up is None
+        else {"code": found.runner_up.code, "difference": found.runner_up.difference.as_json()},
         "clock_ppm": _json(found.clock_ppm),
         "interleave": {
             "gain": _json(found.interleave.gain),
@@ -148,10 +152,20 @@ def _notes(found: Characterization, converters: int, declared: GeneratorUncertai
             "different amplitudes differ by more than chance and declared errors explain. The difference is "
             "in the uncertainties of gain and cut-off."
         )
+    if found.runner_up is not None and found.runner_up.is_within:
+        notes.append(
+            f"Gain code {found.runner_up.code} is within the uncertainty of the best, {found.best_code}: "
+            "its input-referred noise is larger by less than two standard uncertainties of the difference."
+        )
     if left_out:
         listed = ", ".join(f"{count} {name}" for name, count in left_out.items())
         notes.append(f"Windows left out of the fits: {listed}.")
     return notes
+
+
+def _conditions(found: Characterization) -> dict[str, str]:
+    played = np.unique(found.points.frequency_hz)
+    return {"frequencies played": ", ".join(f"{one / 1e6:.14g}" for one in played) + " MHz"}
 
 
 def _verdict_values(found: Characterization) -> dict[str, list[tuple[str, Estimate | None]]]:

@@ -38,6 +38,8 @@ class CodeResult:
         With combined standard uncertainties.
     noise, noise_total, input_noise : Estimate or None
         At the converter without and with quantization and lines; referred to the cut.
+    input_noise_scatter : float
+        Standard uncertainty of `input_noise` without declared errors, V: those are common to all codes.
     noise_is_hidden : bool
         The noise is too small for the steps of the converter.
     linearity : Linearity or None
@@ -56,9 +58,23 @@ class CodeResult:
     noise: Estimate | None
     noise_total: Estimate | None
     input_noise: Estimate | None
+    input_noise_scatter: float
     noise_is_hidden: bool
     linearity: Linearity | None
     amplitudes: tuple[AmplitudeRow, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RunnerUp:
+    """The code that is next to the best, and how much more input-referred noise it has, V."""
+
+    code: int
+    difference: Estimate
+
+    @property
+    def is_within(self) -> bool:
+        """Whether two standard uncertainties may make it the best."""
+        return self.difference.value <= 2 * self.difference.standard_uncertainty
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +84,7 @@ class Characterization:
     points: Points
     codes: tuple[CodeResult, ...]
     best_code: int | None
+    runner_up: RunnerUp | None
     clock_ppm: Estimate | None
     interleave: Interleave
     budget: tuple[BudgetLine, ...]
@@ -148,6 +165,7 @@ def characterization(
         points=points,
         codes=tuple(results),
         best_code=best_code(results),
+        runner_up=runner_up(results),
         clock_ppm=readings.clock_ppm,
         interleave=readings.interleave,
         budget=tuple(budget),
@@ -164,6 +182,19 @@ def best_code(results: list[CodeResult]) -> int | None:
         return None
     found = [(one.input_noise.value, one.code) for one in results if one.input_noise is not None]
     return min(found)[1] if found and found[0][1] is not None else None
+
+
+def runner_up(results: list[CodeResult]) -> RunnerUp | None:
+    """Return the code of the second least input-referred noise; None without a best code or a second one."""
+    if best_code(results) is None:
+        return None
+    known = [(one.input_noise.value, one) for one in results if one.input_noise is not None]
+    if len(known) < 2:
+        return None
+    (least, best), (more, second) = sorted(known, key=lambda pair: pair[0])[:2]
+    spread = math.hypot(best.input_noise_scatter, second.input_noise_scatter)
+    assert second.code is not None
+    return RunnerUp(second.code, Estimate(more - least, spread, "V"))
 
 
 def _code_result(
@@ -186,13 +217,17 @@ def _code_result(
         fits, [(one.source, one.relative[mine]) for one in shifts], between, name
     )
     noise = dark.rms or readings.beside_sines.get(code)
-    input_noise = None
+    input_noise, scatter = None, 0.0
     if gain is not None and noise is not None and gain.value > 0:
         ratio = noise.value / gain.value
         relative = math.hypot(
             noise.standard_uncertainty / noise.value, gain.standard_uncertainty / gain.value
         )
         input_noise = Estimate(ratio, ratio * relative, "V")
+        assert fits is not None
+        scatter = ratio * math.hypot(
+            noise.standard_uncertainty / noise.value, fits.integer.gain_u / gain.value
+        )
     status: str = "no_usable_point" if fits is None else fits.integer.status
     if status == "ok" and noise is None:
         status = f"noise_{dark.status}"
@@ -207,6 +242,7 @@ def _code_result(
         noise=noise,
         noise_total=dark.rms_total,
         input_noise=input_noise,
+        input_noise_scatter=scatter,
         noise_is_hidden=noise is None and dark.status in ("below_dither", "no_signal"),
         linearity=linearity(rows) if rows else None,
         amplitudes=rows,

@@ -131,6 +131,13 @@ class SinePlan:
         ratio = self.frequency_hz / self.sample_rate_hz
         return abs(ratio - round(ratio)) * self.sample_count
 
+    @property
+    def foreseen(self) -> SineStatus:
+        """What the frequency alone says of every record: "ok", or why none can be fitted."""
+        if self._design.condition > WORST_CONDITION:
+            return "frequency_not_measurable"
+        return "short_record" if self.cycles < 0.5 else "ok"
+
     def fit(
         self,
         volts: Array,

@@ -59,6 +59,15 @@ def one_line(capsys: Captured) -> str:
     return answer.err
 
 
+@pytest.mark.parametrize(
+    ("word", "end"),
+    [("charcterize", " Did you mean 'characterize'?"), ("reprot", " Did you mean 'report'?"), ("xyz", "")],
+)
+def test_a_command_that_is_none_brings_the_nearest(capsys: Captured, word: str, end: str) -> None:
+    assert main([word]) == 2
+    assert one_line(capsys) == f"belahil: No such command '{word}'.{end}\n"
+
+
 # ---- a measurement
 
 
@@ -68,6 +77,7 @@ def test_a_measurement_ends_with_the_best_code_and_the_report(capsys: Captured, 
     assert re.search(r"^best gain code: 3 \(gain [\d.()]+, cut-off \S, input noise \S\)$", answer.out, re.M)
     assert answer.out.splitlines()[-2:] == ["verdict: none", f"report: {Path('run/report.html')}"]
     assert "4 of 4 windows, 0 s left" in answer.err
+    assert answer.err.splitlines()[-3:] == ["analysing", "writing", "drawing"]
     assert re.search(r"4 windows, [\d.]+ ms each, of which [\d.]+ ms waiting for the disk", answer.err)
     assert closed == ["simulated"]
     summary = json.loads(Path("run/summary.json").read_text())
@@ -565,7 +575,18 @@ def test_the_line_of_a_result_suits_its_receiver(row: tuple[int | None, int | No
     code, gain = row
     status = "ok" if gain else "too_few_points"
     found = {"code": code, "gain": gain, "cutoff": None, "input_noise_rms": None, "status": status}
-    assert _lines({"gain_codes": [found], "best_code": code if gain else None}) == [line]
+    results = {"gain_codes": [found], "best_code": code if gain else None, "best_code_runner_up": None}
+    assert _lines(results) == [line]
+
+
+@pytest.mark.parametrize(("spread", "end"), [(0.5e-6, "; code 5 is within the uncertainty"), (0.4e-6, "")])
+def test_a_second_code_that_may_be_the_best_is_told(spread: float, end: str) -> None:
+    from belahil.cli.characterize import _lines
+
+    row = {"code": 4, "gain": 5, "cutoff": None, "input_noise_rms": None, "status": "ok"}
+    second = {"code": 5, "difference": {"value": 1e-6, "standard_uncertainty": spread, "unit": "V"}}
+    (line,) = _lines({"gain_codes": [row], "best_code": 4, "best_code_runner_up": second})
+    assert line.partition(")")[2] == end
 
 
 def test_the_line_without_a_best_code_says_which_codes_are_in_its_way() -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from belahil.cli.main import main
 from belahil.outcome import STATUSES
 from procedures import butterworth_fit, dark_noise, sine_fit
 
-PAGE = (Path(__file__).resolve().parent.parent / "docs" / "data-file.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+PAGE = (DOCS / "data-file.md").read_text(encoding="utf-8")
 SWEEP = ["--codes", "4,5", "--amplitudes-mvpp", "30,480", "--frequencies-mhz", "1,5,15,20,29"]
 
 
@@ -75,6 +77,24 @@ def test_every_status_that_is_made_has_a_number() -> None:
     made |= {f"noise_{word}" for word in dark if word != "ok"}
     made -= {"masked"}  # which is ok in a table
     assert made == set(STATUSES)
+
+
+def keys(results: dict[str, Any]) -> set[str]:
+    """Names in results and in the objects of its lists; a measured number has no names of its own."""
+    named = {key for key in results if key not in ("value", "standard_uncertainty", "unit")}
+    inner = [one for value in results.values() for one in (value if isinstance(value, list) else [value])]
+    return named.union(*(keys(one) for one in inner if isinstance(one, dict)))
+
+
+@pytest.mark.parametrize("name", ["characterize", "noise"])
+def test_the_contract_names_every_key_of_the_results(runs: dict[str, xarray.Dataset], name: str) -> None:
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    contract = text.partition(f"`{name}` fills `results` with")[2].partition("A verdict is given only")[0]
+    results = json.loads((Path(runs[name].encoding["source"]).parent / "summary.json").read_text())["results"]
+    made = keys(results)
+    assert len(made) >= 5
+    named = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", contract))))
+    assert made - named - set(STATUSES) == set()
 
 
 def test_noise_density_is_one_variable_that_integrates_to_the_noise(runs: dict[str, xarray.Dataset]) -> None:

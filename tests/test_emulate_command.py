@@ -88,6 +88,10 @@ def test_a_client_in_another_process_finds_the_results_of_the_bench_within(
         assert far["results"] == near["results"]
         assert (far["source"], near["source"]) == ("emulated", "emulated")
         assert (far["verdict"], near["verdict"]) == ("pass", "pass")
+        # and only who emulates knows the seed and what is not modelled
+        assert (far["seed"], near["seed"]) == (None, 3)
+        pages = [(tmp_path / name / "report.html").read_text() for name in ("far", "near")]
+        assert ["does not model" in page for page in pages] == [False, True]
         # and the server ends in peace
         server.send_signal(number)
         out, err = server.communicate(timeout=20)

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 from hidden_receivers import found, pulls
 
-from belahil.config import BenchConfig, parse_bench
+from belahil.config import (
+    BenchConfig,
+    EmulatedReceiver,
+    EmulationTable,
+    GeneratorUncertainty,
+    parse_bench,
+    simulated,
+)
 from procedures.characterize import GainOptions
 
 # Gain and noise by code follow no rule, code 7 has the least noise at the input.
@@ -140,6 +148,38 @@ def test_no_code_is_the_best_while_the_steps_of_the_converter_hide_the_noise_of_
     assert (row["noise_rms"], row["input_noise_rms"]) == (None, None)
     assert row["status"] == "noise_no_signal"
     assert results["best_code"] is None
+
+
+def test_the_runner_up_is_told_and_called_equal_only_within_the_scatter() -> None:
+    # given a receiver with a clearly best code, and a generator whose amplitude is known to 20 % only
+    config = bench()
+    declared = GeneratorUncertainty(amplitude_relative=0.2)
+    generator = msgspec.structs.replace(config.generator, uncertainty=declared)
+    outcome = found(msgspec.structs.replace(config, generator=generator), OPTIONS)
+    # then the next code is told with its distance, which an error common to all codes does not blur
+    second = outcome.results["best_code_runner_up"]
+    assert second["code"] == 12
+    distance = 6.6e-3 / 21.1 - 1.1e-3 / 13.7
+    assert abs(second["difference"]["value"] - distance) < 4 * second["difference"]["standard_uncertainty"]
+    assert second["difference"]["standard_uncertainty"] < 0.05 * distance
+    assert not any("is within the uncertainty of the best" in note for note in outcome.notes)
+
+
+def test_codes_that_are_alike_are_said_to_be_within_the_uncertainty() -> None:
+    receiver = EmulatedReceiver(gain_by_code=(5.0,) * 16, noise_rms_v_by_code=(2e-3,) * 16)
+    config = msgspec.structs.replace(simulated(), emulation=EmulationTable(receiver=receiver))
+    outcome = found(config, GainOptions((1, 7), (50e-3,)))
+    best, second = outcome.results["best_code"], outcome.results["best_code_runner_up"]
+    assert {best, second["code"]} == {1, 7}
+    assert 0 <= second["difference"]["value"] < 4 * second["difference"]["standard_uncertainty"]
+    told = f"Gain code {second['code']} is within the uncertainty of the best, {best}"
+    assert any(told in note for note in outcome.notes)
+
+
+def test_the_frequencies_that_were_played_are_told() -> None:
+    outcome = found(bench(), GainOptions((1,), (50e-3,), (1e6, 5e6, 3.0000001234567e6)))
+    # as the generator rounds them, to 1 µHz
+    assert outcome.conditions == {"frequencies played": "1, 3.000000123457, 5 MHz"}
 
 
 def test_results_are_equal_on_every_link() -> None:

@@ -12,6 +12,7 @@ from small_run import begin, measure, outcome
 
 from belahil.config import BenchConfig, LimitsTable
 from belahil.errors import RefusedInput, StorageError
+from belahil.outcome import BudgetLine
 from belahil.report import remake
 from belahil.report.tables import grids, one_text
 
@@ -27,7 +28,7 @@ class Reader(HTMLParser):
         self.text: list[str] = []
         self.open: list[str] = []
         self.ids: list[str] = []
-        self.feed(page)
+        self.feed(page.replace("<wbr>", ""))  # which a reader does not see
         self.close()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -82,8 +83,8 @@ def test_the_page_tells_all_that_a_reader_asks(page: str) -> None:
         "19.0123(35)",
         "3.010(20)",
         "no_usable_point",
-        "gain, code 0 source",
-        "[generator] uncertainty.amplitude_relative 0.0121 97.0 %",
+        "quantity [generator] uncertainty.amplitude_relative noise",
+        "gain, code 0 0.0121 (97.0 %) 0.0021 (3.0 %)",
         "Room temperature was not recorded.",
         "converter: no nonlinearity.",
         "generator Agilent Technologies,33522B,EMULATED,0",
@@ -170,6 +171,29 @@ def test_a_missing_or_broken_file_is_told(tmp_path: Path, name: str) -> None:
         path.unlink()
         with pytest.raises(StorageError, match=re.escape(name)):
             remake(tmp_path / "run")
+
+
+def test_the_budget_is_one_table_whatever_the_number_of_quantities(tmp_path: Path) -> None:
+    lines = [BudgetLine(f"gain, code {code}", "noise", 2e-3, "1", 1.0) for code in range(32)]
+    lines.append(BudgetLine("cut-off, code 0", "flatness", 1.5e3, "Hz", 1.0))
+    with begin(tmp_path / "run") as run:
+        run.finish(outcome(budget=lines))
+    (budget,) = re.findall(
+        r"<h2>Uncertainty budget</h2>(.*?)<h2>", (tmp_path / "run/report.html").read_text(), re.S
+    )
+    assert (budget.count("<table>"), budget.count("<tr>"), budget.count("<details")) == (1, 1 + 33, 0)
+    assert "<td>cut-off, code 0</td><td>\N{EN DASH}</td><td>1.5 kHz (100.0 %)</td>" in budget
+
+
+def test_only_wide_tables_are_dense_and_break_their_words(tmp_path: Path) -> None:
+    rows = {
+        name: [{f"column {n}": "a_<b>" for n in range(count)}] for name, count in (("wide", 6), ("slim", 5))
+    }
+    with begin(tmp_path / "run") as run:
+        run.finish(outcome(results=rows, budget=(), figures={}))
+    page = (tmp_path / "run/report.html").read_text()
+    assert re.findall(r'<div class="(wide[ a-z]*)">', page) == ["wide dense", "wide"]
+    assert (page.count("<td>a_<wbr>&lt;b&gt;</td>"), page.count("<td>a_&lt;b&gt;</td>")) == (6, 5)
 
 
 def test_results_of_any_shape_are_laid_out() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import math
 import os
 import subprocess
 import sys
@@ -12,6 +14,7 @@ from pathlib import Path
 import pytest
 from small_run import INSTRUMENTS, begin, made, measure, outcome, requested
 
+from belahil.cli.circumstances import conditions, not_modelled
 from belahil.config import BenchConfig, DigitizerTable, GeneratorTable, LimitsTable, parse_bench
 from belahil.errors import RefusedInput, StorageError
 from belahil.run import Run
@@ -242,7 +245,7 @@ def test_a_finished_run_holds_what_the_contract_names(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert told == summary
     assert list(told) == [
-        *("schema", "procedure", "source", "verdict", "seed", "software", "instruments"),
+        *("schema", "procedure", "source", "verdict", "checks", "seed", "software", "instruments"),
         *("started", "finished", "results"),
     ]
     assert (told["procedure"], told["source"], told["verdict"], told["seed"]) == (
@@ -263,7 +266,57 @@ def test_a_finished_run_holds_what_the_contract_names(tmp_path: Path) -> None:
 def test_limits_give_a_verdict(tmp_path: Path, span: tuple[float, float], verdict: str) -> None:
     config = BenchConfig(limits=LimitsTable(gain=span))
     with begin(tmp_path / "run", config) as run:
-        assert run.finish(outcome())["verdict"] == verdict
+        summary = run.finish(outcome())
+    assert summary["verdict"] == verdict
+    # and each value stands beside its limits
+    gain = outcome().results["gain_codes"][0]["gain"]
+    both = {"limit": "gain", "low": span[0], "high": span[1]}
+    assert [one | both for one in summary["checks"]] == summary["checks"]
+    assert [(one["label"], one["measured"]) for one in summary["checks"]] == [
+        ("code 0", gain),
+        ("code 1", None),
+    ]
+    assert verdict in [one["verdict"] for one in summary["checks"]]
+    assert summary["checks"][1]["verdict"] == "undecided"
+
+
+def test_a_limit_without_an_end_is_null_in_the_summary(tmp_path: Path) -> None:
+    config = BenchConfig(limits=LimitsTable(gain=(4.0, math.inf)))
+    with begin(tmp_path / "run", config) as run:
+        found = run.finish(outcome())["checks"]
+    assert [(one["low"], one["high"], one["verdict"]) for one in found] == [
+        (4.0, None, "pass"),
+        (4.0, None, "undecided"),
+    ]
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["checks"] == found
+
+
+def test_a_resumed_run_tells_the_command_that_began_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["belahil", "noise", "--seed", "7"])
+    with begin(tmp_path / "run") as run:
+        measure(run, 2)
+    monkeypatch.setattr("sys.argv", ["belahil", "noise", "--resume", "run"])
+    with Run.resume(tmp_path / "run") as run:
+        told = conditions(run)
+    assert told["command"] == "belahil noise --seed 7"
+    assert told["options"] == "codes: 0, 1, 2; span: inf"
+
+
+def test_what_is_not_modelled_is_told_of_our_own_emulation_only(tmp_path: Path) -> None:
+    # given that parts of the emulation are loaded
+    importlib.import_module("sim.receiver_model")
+    client = parse_bench('[generator]\naddress = "A::1::SOCKET"\n[digitizer]\nlink = "socket://a:1"\n')
+    with begin(tmp_path / "own") as own, begin(tmp_path / "far", client, seed=None, source="emulated") as far:
+        assert any(line.startswith("receiver model: ") for line in not_modelled(own))
+        assert not_modelled(far) == []
+        # and instruments elsewhere have no seed that is known here
+        assert far.finish(outcome(figures={}))["seed"] is None
+    page = (tmp_path / "far" / "report.html").read_text(encoding="utf-8")
+    assert "<tr><th>seed</th><td>\N{EN DASH}</td></tr>" in page
+    with Run.resume(tmp_path / "far") as run:
+        assert run.begun.seed is None
 
 
 def test_limits_that_are_kept_pass(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import socket
 import threading
@@ -357,6 +358,24 @@ def test_an_address_where_nobody_answers_is_one_clear_line() -> None:
         ScpiSession(link, SystemClock(), address)
     assert caught.value.exit_status == 3
     assert "\n" not in str(caught.value)
+
+
+def test_only_who_has_answered_can_be_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    # given links to an instrument, one of which has brought an answer, when the network has no way there
+    with _served("sound", "sound") as address:
+        fresh, used = VisaLink(address, "@py"), VisaLink(address, "@py")
+        used.write(b"A?\n")
+        assert used.read(100, 2.0) == b"1;\n"
+        for link, said in ((fresh, f"nobody answers at {address}"), (used, f"{address} is gone")):
+
+            def unreachable(data: bytes) -> None:
+                raise OSError(errno.EHOSTUNREACH, "No route to host")
+
+            monkeypatch.setattr(link._resource, "write_raw", unreachable)
+            # then the first was never there, and the second is gone
+            with pytest.raises(LinkClosed, match=f"^{said}: .*No route to host"):
+                link.write(b"A?\n")
+            link.close()
 
 
 def test_an_address_that_is_none_is_refused_input() -> None:

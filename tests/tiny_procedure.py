@@ -70,4 +70,5 @@ def analyse(plan: Plan, shots: Iterable[Shot], config: BenchConfig) -> Outcome:
         gain = Estimate(sum(levels[code]), 0.01).as_json()
         rows.append({"code": code, "gain": gain, "cutoff": None, "input_noise_rms": None, "status": "tiny"})
     values = [(f"code {row['code']}", Estimate(row["gain"]["value"], 0.01)) for row in rows]
-    return Outcome({"gain_codes": rows, "best_code": plan.codes[0]}, verdict_values={"gain": values})
+    results = {"gain_codes": rows, "best_code": plan.codes[0], "best_code_runner_up": None}
+    return Outcome(results, verdict_values={"gain": values})

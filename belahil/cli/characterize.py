@@ -65,13 +65,23 @@ def _lines(results: dict[str, Any]) -> list[str]:
 
     rows, best = results["gain_codes"], results["best_code"]
     if best is not None:
-        return [f"best gain code: {best} ({numbers(row)})" for row in rows if row["code"] == best]
+        near = _near(results["best_code_runner_up"])
+        return [f"best gain code: {best} ({numbers(row)}){near}" for row in rows if row["code"] == best]
     if [row["code"] for row in rows] != [None]:
         some = any(row["gain"] is not None for row in rows)
         return [f"{'no best gain code' if some else 'no gain code could be characterized'}: {_why(rows)}"]
     if rows[0]["gain"] is None:
         return [f"the receiver could not be characterized: {rows[0]['status']}"]
     return [f"receiver without gain codes: {numbers(rows[0])}"]
+
+
+def _near(runner_up: dict[str, Any] | None) -> str:
+    """Tell of a second code that may be the best as well."""
+    if runner_up is None:
+        return ""
+    more = runner_up["difference"]
+    within = more["value"] <= 2 * more["standard_uncertainty"]
+    return f"; code {runner_up['code']} is within the uncertainty" if within else ""
 
 
 def _why(rows: list[dict[str, Any]]) -> str:

@@ -6,8 +6,6 @@ import inspect
 import sys
 from typing import TYPE_CHECKING
 
-from belahil.provenance import command_line
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -22,7 +20,7 @@ def conditions(run: Run) -> dict[str, str]:
     return {
         "windows": str(len(run.shots())),
         "options": "; ".join(f"{key}: {_told(value)}" for key, value in run.begun.options.items()),
-        "command": command_line(),
+        "command": run.begun.command,
         "between generator and cut": f"load setting {generator.load_ohm:g} ohm, attenuation "
         f"{generator.attenuation_db:g} dB, input resistance of the receiver {digitizer.input_ohm:g} ohm",
         "interlock": f"max_vpp = {generator.max_vpp:g} at the cut",
@@ -37,8 +35,13 @@ def _told(value: object) -> str:
     return "default" if value is None else str(value)
 
 
-def not_modelled() -> list[str]:
-    """What the emulation at work leaves out, in the words of each part of it that is loaded."""
+def not_modelled(run: Run) -> list[str]:
+    """What our own emulation leaves out, in the words of each part of it that is loaded.
+
+    Nothing where real addresses answered: what stands behind them is not known here.
+    """
+    if run.config.source == "hardware":
+        return []
     rooms = sorted(name for name in sys.modules if name.startswith("sim."))
     return [
         f"{name.rpartition('.')[2].replace('_', ' ')}: {paragraph}"

@@ -7,6 +7,7 @@ import os
 import sys
 import tempfile
 import traceback
+from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 import click
@@ -33,6 +34,17 @@ class _Late(click.Group):
             return None
         found: click.Command = importlib.import_module(f"belahil.cli.{cmd_name}").command
         return found
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            near = get_close_matches(args[0], COMMANDS, 1)
+            if not near:
+                raise
+            raise click.UsageError(f"No such command '{args[0]}'. Did you mean '{near[0]}'?") from error
 
 
 @click.group("belahil", cls=_Late, context_settings={"help_option_names": ["-h", "--help"]})

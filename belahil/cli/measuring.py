@@ -104,7 +104,7 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
                 job.procedure,
                 bench.config,
                 asdict(options),
-                bench.config.emulation.seed,
+                None if bench.source == "hardware" else bench.config.emulation.seed,
                 plan=plan.as_json(),
                 instruments=bench.identities,
                 source=_source(bench),
@@ -114,7 +114,7 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
             if given.out is None and not given.json:
                 print(f"run folder: {folder}", flush=True)
             _measure(procedure, bench, run, plan, given)
-        return _finish(procedure, run, plan), folder
+        return _finish(procedure, run, plan, given), folder
 
 
 def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], Path]:
@@ -136,7 +136,7 @@ def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], 
                 plan = procedure.plan(bench, _options(procedure, job, run.begun.options))
                 run.confirm(plan.as_json(), bench.identities)
                 _measure(procedure, bench, run, plan, given)
-            return _finish(procedure, run, plan), folder
+            return _finish(procedure, run, plan, given), folder
 
 
 def _dated(procedure: str) -> Path:
@@ -182,11 +182,16 @@ def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -
             print(pace, file=sys.stderr)
 
 
-def _finish(procedure: Any, run: Run, plan: Any) -> dict[str, Any]:
+def _finish(procedure: Any, run: Run, plan: Any, given: Common) -> dict[str, Any]:
     from belahil.cli.circumstances import conditions, not_modelled
 
+    def tell(step: str) -> None:
+        if not given.quiet:
+            print(step, file=sys.stderr, flush=True)
+
+    tell("analysing")
     outcome = procedure.analyse(plan, run.shots(), run.config)
-    return run.finish(outcome, conditions(run), not_modelled())
+    return run.finish(outcome, conditions(run), not_modelled(run), tell)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from belahil.errors import RefusedInput, StorageError
 from belahil.report.figures import LABELS
-from belahil.report.tables import grids, named, one_text, span_text, unit_text
+from belahil.report.tables import MISSING, Grid, grids, named, one_text, span_text, unit_text
 from belahil.run_folder import read_json
 from belahil.storage import write_whole
 from belahil.uncertainty import prefix_power
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from belahil.verdict import Check
 
 LONG = 20  # rows of a table that a page shows at once
+DENSE = 5  # columns from which on a table is set in small letters
 
 
 def material(
@@ -79,7 +80,6 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
     environment.filters |= {
         "named": named,
         "one_text": one_text,
-        "quantity": _quantity,
         "span": lambda check: span_text(check["limit"], check["low"], check["high"]),
         "moment": lambda date: date[:19].replace("T", " "),
     }
@@ -87,10 +87,11 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
         summary=summary,
         told=told,
         LONG=LONG,
+        DENSE=DENSE,
         label=LABELS[summary["source"]],
         grids=grids(summary["results"]),
         figures=[{**figure, "drawing": _drawing(folder / figure["svg"])} for figure in told["figures"]],
-        budget=_grouped(told["budget"]),
+        budget=_budget(told["budget"]),
         bench=_read(folder / "bench.toml"),
     )
     path = folder / "report.html"
@@ -134,8 +135,14 @@ def _quantity(value: float, unit: str) -> str:
     return f"{value / 10**power:.3g} {unit_text(unit, power)}".strip()
 
 
-def _grouped(budget: Sequence[Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
-    groups: dict[str, list[Mapping[str, Any]]] = {}
-    for line in budget:
-        groups.setdefault(line["quantity"], []).append(line)
-    return groups
+def _budget(lines: Sequence[Mapping[str, Any]]) -> Grid | None:
+    """Lay out all budget lines as one table: a row for each quantity, a column for each source."""
+    if not lines:
+        return None
+    sources = tuple(dict.fromkeys(line["source"] for line in lines))
+    cells: dict[str, dict[str, str]] = {}
+    for line in lines:
+        told = f"{_quantity(line['value'], line['unit'])} ({100 * line['share']:.1f} %)"
+        cells.setdefault(line["quantity"], {})[line["source"]] = told
+    rows = ((name, *(row.get(source, MISSING) for source in sources)) for name, row in cells.items())
+    return Grid("Uncertainty budget", ("quantity", *sources), tuple(rows))

@@ -138,7 +138,7 @@ def _cell(value: Any, power: int) -> str:
     if _is_measured(value):
         return written(value["value"], value["standard_uncertainty"], power)
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:.4g}"
     if isinstance(value, list):
         return ", ".join(_cell(item, 0) for item in value) or MISSING
     return str(value)
