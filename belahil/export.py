@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -18,13 +18,12 @@ from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse, larg
 from belahil.storage import replacing, reserve
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from belahil.outcome import Table
-    from belahil.run import Shots
     from belahil.values import Shot
 
 CONVENTIONS = "CF-1.11"
@@ -41,6 +40,14 @@ SAID = {
     "hardware": "measured on hardware",
     "replay": "REPLAYED DATA: read again from the recording of an earlier session",
 }
+
+
+class ManyShots(Protocol):
+    """Shots that can be counted, and read as often as asked."""
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[Shot]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,14 +129,14 @@ _VARIABLES = (
 )
 
 
-def write_data(path: Path, shots: Shots, tables: Mapping[str, Table], summary: Mapping[str, Any]) -> None:
+def write_data(path: Path, shots: ManyShots, tables: Mapping[str, Table], summary: Mapping[str, Any]) -> None:
     """Write the data file; memory holds a few windows at a time.
 
     Parameters
     ----------
     path : Path
         Replaced as a whole.
-    shots : Shots
+    shots : ManyShots
         Read twice.
     tables : mapping of str to Table
         Results by name.
@@ -178,7 +185,7 @@ def _write_scalars(
         made.attrs["units"] = UNIT_OF_SUFFIX.get(name.rpartition("_")[2], "1")
 
 
-def _collected(shots: Shots) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.float64]], int, bool]:
+def _collected(shots: ManyShots) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.float64]], int, bool]:
     """Read all but the counts: per-shot values, housekeeping, longest window, whether lengths differ."""
     columns: dict[str, list[Any]] = {variable.name: [] for variable in _VARIABLES}
     housekeeping: dict[str, NDArray[np.float64]] = {}

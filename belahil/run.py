@@ -293,8 +293,7 @@ class Run:
         StorageError
             A file could not be written; the journal is untouched.
         """
-        from belahil.export import write_data
-        from belahil.report import material, save_figures, write_page
+        from belahil.results import write_results
 
         found = checks(self.config.limits, outcome.verdict_values)
         summary = {
@@ -310,12 +309,8 @@ class Run:
             "results": outcome.results,
         }
         text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-        write_data(self.folder / "data.nc", self.shots(), outcome.tables, summary)
         conditions = {"fingerprint": self.fingerprint, **(conditions or {})}
-        told = material(outcome, found, conditions, not_modelled)
-        told["figures"] = save_figures(self.folder, outcome.figures, self.begun.source)
-        write_whole(self.folder / "report.json", json.dumps(told, indent=2, ensure_ascii=False) + "\n")
-        write_page(self.folder, summary, told)
+        write_results(self.folder, summary, self.shots(), outcome, found, conditions, not_modelled)
         self.log(f"finished with {len(self._journal)} shots, verdict {summary['verdict']}")
         write_whole(self.folder / "summary.json", text)
         return summary

@@ -56,7 +56,7 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
     Parameters
     ----------
     folder : Path
-        The run folder, with the figures' files and ``bench.toml`` in it.
+        The run folder, with the figures' files and ``bench.toml`` or ``scene.toml`` in it.
     summary : mapping
         As ``summary.json`` says it.
     told : mapping
@@ -69,6 +69,7 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
     """
     import jinja2
 
+    subject = "scene" if (folder / "scene.toml").is_file() else "bench"
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -90,7 +91,8 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
         grids=grids(summary["results"]),
         figures=[{**figure, "drawing": _drawing(folder / figure["svg"])} for figure in told["figures"]],
         budget=_grouped(told["budget"]),
-        bench=_read(folder / "bench.toml"),
+        subject=subject,
+        given=_read(folder / f"{subject}.toml"),
     )
     path = folder / "report.html"
     write_whole(path, text)
