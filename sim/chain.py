@@ -24,7 +24,7 @@ from belahil.errors import ConfigError
 from belahil.values import RangeWindow, Waveform, WindowRequest
 from sim.accuracy import Accuracy
 from sim.chain_light import Illumination, Lit, OpticalEcho, span_s
-from sim.chain_noise import Filter, GaussianFilter, PoleFilter, ShotNoise, StationaryNoise
+from sim.chain_noise import Filter, GaussianFilter, PoleFilter, ShotNoise, StationaryNoise, steps_for
 from sim.chain_stimulus import stimulus
 from sim.dark_windows import read_dark_windows
 from sim.detector import gaussian_filter_sigma_s, tia_poles, volts_per_photon_rate
@@ -263,7 +263,8 @@ class Chain:
         scene, detector = self.scene, self.scene.detector
         found: list[ShotNoise | StationaryNoise] = []
         if "shot noise" in names:
-            found.append(ShotNoise(detector, self.passed, self._interval_s))
+            bins = round(self._interval_s / self.plan.bin_s) if self.plan.bin_s else 0
+            found.append(ShotNoise(detector, self.passed, self._interval_s, steps_for(bins)))
         if "sunlight" in names:
             no_current = structs.replace(detector, surface_dark_a=0.0, bulk_dark_a=0.0)
             density = background_density(structs.replace(scene, detector=no_current))

@@ -126,6 +126,7 @@ def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], 
 
 
 def dated(procedure: str) -> Path:
+    """Return the run folder of who names none."""
     return Path(f"belahil-{procedure}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}")
 
 
