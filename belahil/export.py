@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -18,13 +18,12 @@ from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse, larg
 from belahil.storage import replacing, reserve
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from belahil.outcome import Number, Table
-    from belahil.run import Shots
     from belahil.values import Shot
 
 CONVENTIONS = "CF-1.11"
@@ -40,6 +39,14 @@ SAID = {
     "hardware": "measured on hardware",
     "replay": "REPLAYED DATA: read again from the recording of an earlier session",
 }
+
+
+class ManyShots(Protocol):
+    """Shots that can be counted, and read as often as asked."""
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[Shot]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +130,7 @@ _VARIABLES = (
 
 def write_data(
     path: Path,
-    shots: Shots,
+    shots: ManyShots,
     tables: Mapping[str, Table],
     summary: Mapping[str, Any],
     numbers: Mapping[str, Number] | None = None,
@@ -134,7 +141,7 @@ def write_data(
     ----------
     path : Path
         Replaced as a whole.
-    shots : Shots
+    shots : ManyShots
         Read twice.
     tables : mapping of str to Table
         Results by name.
@@ -186,7 +193,7 @@ def _write_scalars(
         made.attrs["units"] = UNIT_OF_SUFFIX.get(name.rpartition("_")[2], "1")
 
 
-def _collected(shots: Shots) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.float64]], int, bool]:
+def _collected(shots: ManyShots) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.float64]], int, bool]:
     """Read all but the counts: per-shot values, housekeeping, longest window, whether lengths differ."""
     columns: dict[str, list[Any]] = {variable.name: [] for variable in _VARIABLES}
     housekeeping: dict[str, NDArray[np.float64]] = {}

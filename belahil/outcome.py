@@ -32,6 +32,12 @@ STATUSES = (
     "noise_clipped",
     "noise_below_dither",
     "noise_no_signal",
+    "saturated",
+    "width_undetermined",
+    "no_pulse",
+    "inverted",
+    "too_few_samples",
+    "not_converged",
 )
 """All words of a status column. The place of a word is its number in data files, so new ones go last."""
 

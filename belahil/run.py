@@ -303,8 +303,7 @@ class Run:
         StorageError
             A file could not be written; the journal is untouched.
         """
-        from belahil.export import write_data
-        from belahil.report import material, save_figures, write_page
+        from belahil.results import write_results
 
         found = checks(self.config.limits, outcome.verdict_values)
         summary = {
@@ -321,14 +320,9 @@ class Run:
             "results": outcome.results,
         }
         text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-        tell("writing")
-        write_data(self.folder / "data.nc", self.shots(), outcome.tables, summary, outcome.numbers)
-        conditions = {"fingerprint": self.fingerprint, **(conditions or {}), **outcome.conditions}
-        told = material(outcome, found, conditions, not_modelled)
-        tell("drawing")
-        told["figures"] = save_figures(self.folder, outcome.figures, self.begun.source)
-        write_whole(self.folder / "report.json", json.dumps(told, indent=2, ensure_ascii=False) + "\n")
-        write_page(self.folder, summary, told)
+        conditions = {"fingerprint": self.fingerprint, **(conditions or {})}
+        shots = self.shots()
+        write_results(self.folder, summary, shots, outcome, found, conditions, not_modelled, tell=tell)
         self.log(f"finished with {len(self._journal)} shots, verdict {summary['verdict']}")
         write_whole(self.folder / "summary.json", text)
         return summary

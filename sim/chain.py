@@ -19,11 +19,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import structs
 
+from belahil.config import Interleave
 from belahil.errors import ConfigError
 from belahil.values import RangeWindow, Waveform, WindowRequest
 from sim.accuracy import Accuracy
 from sim.chain_light import Illumination, Lit, OpticalEcho, span_s
-from sim.chain_noise import Filter, GaussianFilter, PoleFilter, ShotNoise, StationaryNoise
+from sim.chain_noise import Filter, GaussianFilter, PoleFilter, ShotNoise, StationaryNoise, steps_for
 from sim.chain_stimulus import stimulus
 from sim.dark_windows import read_dark_windows
 from sim.detector import gaussian_filter_sigma_s, tia_poles, volts_per_photon_rate
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from belahil.stimuli import NoSignal, SampledPulse
     from sim.footprint import FootprintPlan
     from sim.scene import Scene
+    from sim.terrain import Surface
 
 _SETTLED = 20.0
 """Times that the response needs to change, after which the echo of a pulse is over, but for slow tails."""
@@ -58,6 +60,8 @@ class Chain:
         What is there.
     accuracy : Accuracy
         How exactly the echo is computed.
+    surface : Surface or None
+        The scene's ground, where it has been made already.
 
     Raises
     ------
@@ -67,11 +71,13 @@ class Chain:
         The beam does not meet the terrain.
     """
 
-    def __init__(self, scene: Scene, accuracy: Accuracy | None = None) -> None:
+    def __init__(
+        self, scene: Scene, accuracy: Accuracy | None = None, surface: Surface | None = None
+    ) -> None:
         self.scene, self.accuracy = scene, accuracy or Accuracy()
         self.stages = select(scene, self.accuracy)
         names = frozenset(stage.name for stage in self.stages)
-        self.surface = build_surface(scene.surface)
+        self.surface = surface or build_surface(scene.surface)
         self.receiver = ReceiverModel(scene.truth, scene.receiver_spec.digitizer)
         self._noise_free = self.receiver
         if "dark noise" in names:
@@ -144,6 +150,27 @@ class Chain:
         start_s = self.receiver.edges(request) * self.receiver.spec.sample_interval_s
         return Waveform(volts, self.receiver.spec.sample_rate_hz, start_s)
 
+    def curve(self, shot: int | None, first_s: float, step_s: float, count: int) -> NDArray[np.float64]:
+        """Return the echo at the converter without noise, as a curve.
+
+        Parameters
+        ----------
+        shot : int or None
+            With its jitter; None: the mean shot.
+        first_s, step_s : float
+            Of the places on the curve; the first from the gate, s.
+        count : int
+            How many.
+
+        Returns
+        -------
+        ndarray of float64, shape (count,)
+            V; without what differs between the converters.
+        """
+        lit = self.lit(shot)
+        volts = echo(self.kernel, lit.delays, first_s, step_s, count) * lit.energy
+        return self._one_converter.at_converter(volts, self._gain_code, Draws(self.scene.seed, shot or 0))
+
     def window(self, shot: int | None = None, request: WindowRequest | None = None) -> RangeWindow:
         """Return counts, as a receiver reports them.
 
@@ -172,6 +199,23 @@ class Chain:
         count = sample_count or self.scene.receiver_spec.correlation_window_samples
         first = round(self._centre_s / self.receiver.spec.sample_interval_s) - count // 2
         return WindowRequest(shot, self._gain_code, count, first * self.receiver.spec.sample_interval_s)
+
+    def first_sample_s(self, shot: int | None, request: WindowRequest) -> float:
+        """Return the true time of a window's first sample from the gate, s: what no receiver knows."""
+        phase = 0.0 if shot is None else Draws(self.scene.seed, shot).uniform("sampling_phase")
+        return (phase + self.receiver.edges(request)) * self._interval_s - self.gate_s
+
+    @property
+    def noise_rms_v(self) -> float:
+        """Stationary noise at the converter before quantization, V rms; shot noise of the echo is not in it.
+
+        What a dead zone or a cubic term makes of it is left out.
+        """
+        dark_v = self.scene.noise.dark_rms_v or 0.0
+        if self._recorded:
+            dark_v = read_dark_windows(self.scene.noise.dark_windows, self.scene.gain_code).rms_v
+        light = [noise.rms_v for noise in self.light_noise if isinstance(noise, StationaryNoise)]
+        return math.hypot(dark_v, *(self.scene.gain * rms_v for rms_v in light))
 
     # ---- what it will cost, and why
 
@@ -219,7 +263,8 @@ class Chain:
         scene, detector = self.scene, self.scene.detector
         found: list[ShotNoise | StationaryNoise] = []
         if "shot noise" in names:
-            found.append(ShotNoise(detector, self.passed, self._interval_s))
+            bins = round(self._interval_s / self.plan.bin_s) if self.plan.bin_s else 0
+            found.append(ShotNoise(detector, self.passed, self._interval_s, steps_for(bins)))
         if "sunlight" in names:
             no_current = structs.replace(detector, surface_dark_a=0.0, bulk_dark_a=0.0)
             density = background_density(structs.replace(scene, detector=no_current))
@@ -231,8 +276,7 @@ class Chain:
 
     def _at_converter(self, shot: int | None, request: WindowRequest) -> NDArray[np.float64]:
         draws = Draws(self.scene.seed, shot or 0)
-        phase = 0.0 if shot is None else draws.uniform("sampling_phase")
-        first_s = (phase + self.receiver.edges(request)) * self._interval_s - self.gate_s
+        first_s = self.first_sample_s(shot, request)
         lit = self.lit(shot, first_s)
         volts = self._echo_volts(lit, first_s, request.sample_count)
         if shot is None:
@@ -274,6 +318,11 @@ class Chain:
     def _echo_plan(self) -> FootprintPlan:
         """Steps for the light itself, which no filter has smoothed."""
         return self._illumination.plan(self.accuracy, self.light_kernel, self._interval_s)
+
+    @cached_property
+    def _one_converter(self) -> ReceiverModel:
+        truth = structs.replace(self._noise_free.truth, interleave=Interleave())
+        return ReceiverModel(truth, self.scene.receiver_spec.digitizer)
 
     @property
     def _gain_code(self) -> int | None:

@@ -30,8 +30,10 @@ if TYPE_CHECKING:
     from sim.draws import Draws
 
 STEPS = 16
-"""Draws in a sample interval. The spectrum behind the filter is exact for any number of them; it decides how
-well the draws follow the photon rate."""
+"""Draws in a sample interval, where nothing else decides. The spectrum behind the filter is exact for any
+number of them; it decides how well the draws follow the photon rate."""
+
+_FEWEST_STEPS, _MOST_STEPS = 8, 40
 
 _ENDED = 1e-6
 """Of the largest value of a response: where it counts as over."""
@@ -169,6 +171,12 @@ class GaussianNoise:
         return np.convolve(white, self._taps, mode="valid")
 
 
+def steps_for(bins: int) -> int:
+    """Return how many draws a sample interval of so many time bins gets: draws on bins cost least."""
+    dividing = [steps for steps in range(_FEWEST_STEPS, _MOST_STEPS + 1) if bins % steps == 0]
+    return min(dividing, key=lambda steps: abs(steps - STEPS), default=STEPS)
+
+
 @dataclass(frozen=True)
 class ShotNoise:
     """Shot noise of the echo.
@@ -181,16 +189,19 @@ class ShotNoise:
         Between cut and converter.
     interval_s : float
         Between samples, s.
+    steps : int
+        Draws in a sample interval.
     """
 
     detector: Detector
     passed: Filter
     interval_s: float
+    steps: int = STEPS
 
     @property
     def step_s(self) -> float:
         """Between draws, s."""
-        return self.interval_s / STEPS
+        return self.interval_s / self.steps
 
     def before_filter(
         self, light: OpticalEcho, first_s: float, draws: Draws
@@ -202,7 +213,7 @@ class ShotNoise:
         light : OpticalEcho
             Of this shot.
         first_s : float
-            Any sample instant of this shot, from the gate; the draws lie at odd half steps from it, so that
+            Any sample instant of this shot, from the gate; the draws lie at whole steps from it, so that
             windows of one shot share them.
         draws : Draws
             Of this shot: "shot_noise".
@@ -210,7 +221,7 @@ class ShotNoise:
         Returns
         -------
         begin : int
-            The first draw is at ``first_s + (begin + 1/2) step_s``.
+            The first draw is at ``first_s + begin step_s``.
         volts : ndarray of float64, shape (n,)
             Independent, one a step; empty without light.
         """
@@ -218,8 +229,8 @@ class ShotNoise:
         if end_s <= start_s:
             return 0, np.zeros(0)
         begin = math.floor((start_s - first_s) / self.step_s)
-        count = math.ceil((end_s - start_s) / self.step_s)
-        rate_hz = light.photon_rate_hz(first_s + (begin + 0.5) * self.step_s, self.step_s, count)
+        count = math.ceil((end_s - start_s) / self.step_s) + 1
+        rate_hz = light.photon_rate_hz(first_s + begin * self.step_s, self.step_s, count)
         rms_v = white_step_rms_v(shot_noise_density(self.detector, rate_hz), self.step_s)
         return begin, rms_v * draws.stream("shot_noise").standard_normal(count)
 
@@ -236,21 +247,24 @@ class ShotNoise:
         begin, white = self.before_filter(light, first_s, draws)
         if not white.size:
             return
-        first, taps = self._taps
+        first, taps = self.taps
         # Samples that light can reach; the others have none of this noise.
-        low = max(0, math.floor((begin + first) / STEPS))
-        high = min(volts.size, math.ceil((begin + white.size + first + taps.size) / STEPS) + 1)
+        low = max(0, math.floor((begin + first) / self.steps))
+        high = min(volts.size, math.ceil((begin + white.size + first + taps.size) / self.steps) + 1)
         if high > low:
-            offset = low * STEPS - begin - 1 - first
-            volts[low:high] += polyphase(white, taps, offset, STEPS, high - low)
+            offset = low * self.steps - begin - first
+            volts[low:high] += polyphase(white, taps, offset, self.steps, high - low)
 
     @cached_property
-    def _taps(self) -> tuple[int, NDArray[np.float64]]:
-        """First tap and taps: the filter's response times the step, at odd half steps."""
+    def taps(self) -> tuple[int, NDArray[np.float64]]:
+        """First tap and taps: the filter's response at whole steps, times the step."""
         first = math.floor(self.passed.starts_s / self.step_s)
         last = math.ceil(self.passed.ends_s / self.step_s)
-        times_s = (np.arange(first, last + 1, dtype=np.float64) + 0.5) * self.step_s
-        return first, self.passed.impulse(times_s) * self.step_s
+        taps = self.passed.impulse(np.arange(first, last + 1, dtype=np.float64) * self.step_s) * self.step_s
+        if first == 0:
+            # A filter of one pole jumps here; half of the square keeps the variance.
+            taps[0] /= math.sqrt(2)
+        return first, taps
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from sim.chain_light import lasting_s
-from sim.chain_noise import STEPS, ShotNoise
+from sim.chain_noise import ShotNoise
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,7 +64,7 @@ def _costs(chain: Chain) -> Iterator[str]:
     for noise in chain.light_noise:
         if isinstance(noise, ShotNoise):
             draws = math.ceil((_spread_s(chain) + _pulse_s(chain)) / noise.step_s)
-            yield f"  shot noise: {draws} draws, {STEPS} in a sample interval"
+            yield f"  shot noise: {draws} draws, {noise.steps} in a sample interval"
         else:
             yield f"  {noise.effect.replace('_', ' ')}: one draw a sample"
     whole = chain.receiver.spec.max_sample_count

@@ -81,7 +81,7 @@ def _noise(chain: Chain, draws: Draws, begin_s: float, count: int, rate_hz: floa
             continue
         begin, drawn = noise.before_filter(chain.optical(chain.lit(draws.shot, phase_s)), phase_s, draws)
         if drawn.size:
-            places_s = phase_s + (begin + 0.5 + np.arange(drawn.size)) * noise.step_s
+            places_s = phase_s + (begin + np.arange(drawn.size)) * noise.step_s
             volts += np.interp(times_s, places_s, drawn, left=0.0, right=0.0)
     return volts
 

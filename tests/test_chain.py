@@ -232,9 +232,9 @@ def test_the_variance_of_shot_noise_is_the_analytic_one() -> None:
 
     # When every draw is its rms, and the taps are squared
     begin, rms_v = noise.before_filter(light, first_s, _Ones())  # type: ignore[arg-type]
-    first, taps = noise._taps
+    first, taps = noise.taps
     variance = np.convolve(rms_v**2, taps**2)
-    index = 16 * np.arange(42) - begin - 1 - first
+    index = noise.steps * np.arange(42) - begin - first
     found = np.where(
         (index >= 0) & (index < variance.size), variance[np.clip(index, 0, variance.size - 1)], 0.0
     )

@@ -40,8 +40,11 @@ def not_modelled(run: Run) -> list[str]:
 
     Nothing where real addresses answered: what stands behind them is not known here.
     """
-    if run.config.source == "hardware":
-        return []
+    return [] if run.config.source == "hardware" else left_out()
+
+
+def left_out() -> list[str]:
+    """What the loaded parts of `sim` leave out, a paragraph each in their own words."""
     rooms = sorted(name for name in sys.modules if name.startswith("sim."))
     return [
         f"{name.rpartition('.')[2].replace('_', ' ')}: {paragraph}"

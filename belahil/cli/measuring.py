@@ -92,7 +92,7 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
     from belahil.run import Run
     from belahil.run_folder import refuse_used
 
-    folder = given.out or _dated(job.procedure)
+    folder = given.out or dated(job.procedure)
     refuse_used(folder)
     procedure = importlib.import_module(f"procedures.{job.procedure}")
     options = _options(procedure, job, {key: value for key, value in chosen.items() if value is not None})
@@ -139,7 +139,8 @@ def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], 
             return _finish(procedure, run, plan, given), folder
 
 
-def _dated(procedure: str) -> Path:
+def dated(procedure: str) -> Path:
+    """Return the run folder of who names none."""
     return Path(f"belahil-{procedure}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}")
 
 

@@ -57,7 +57,7 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
     Parameters
     ----------
     folder : Path
-        The run folder, with the figures' files and ``bench.toml`` in it.
+        The run folder, with the figures' files and ``bench.toml`` or ``scene.toml`` in it.
     summary : mapping
         As ``summary.json`` says it.
     told : mapping
@@ -70,6 +70,7 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
     """
     import jinja2
 
+    subject = "scene" if (folder / "scene.toml").is_file() else "bench"
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -92,7 +93,8 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
         grids=grids(summary["results"]),
         figures=[{**figure, "drawing": _drawing(folder / figure["svg"])} for figure in told["figures"]],
         budget=_budget(told["budget"]),
-        bench=_read(folder / "bench.toml"),
+        subject=subject,
+        given=_read(folder / f"{subject}.toml"),
     )
     path = folder / "report.html"
     write_whole(path, text)

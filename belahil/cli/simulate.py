@@ -1,0 +1,100 @@
+"""``belahil simulate``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from belahil.cli.options import version_option
+
+if TYPE_CHECKING:
+    from sim.chain import Chain
+
+
+@click.command("simulate", short_help="A scene's echo, from the ground to the samples.")
+@click.argument("scene")
+@click.option("--tolerance", type=float, metavar="X", help="Largest error, relative to the peak; 1e-4.")
+@click.option("--shots", type=click.IntRange(min=1), metavar="N", help="Whole windows with noise; 10.")
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Goes before the scene's seed.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; new or empty.")
+@click.option("--quiet", is_flag=True, help="Say nothing but errors.")
+@click.option("--json", "as_json", is_flag=True, help="Print summary.json.")
+@version_option
+def command(
+    scene: str,
+    tolerance: float | None,
+    shots: int | None,
+    seed: int | None,
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Simulate SCENE: a TOML file, or the name of a scene that comes with the program.
+
+    Ready: ambient, boulder, boulder-example, cold, crater, day, fractal, gala-like, hot, night, plane,
+    previous-model.
+    """
+    from msgspec import structs
+
+    from belahil.cli.circumstances import left_out
+    from belahil.cli.measuring import dated
+    from belahil.cli.progress import shown
+    from belahil.provenance import command_line
+    from belahil.run_folder import refuse_used
+    from belahil.scene_run import SceneRun
+    from procedures.simulate import SimulateOptions, analyse, simulate
+    from sim.scene import as_toml, load_scene
+
+    loaded = load_scene(scene)
+    if seed is not None:
+        loaded = structs.replace(loaded, seed=seed)
+    told: dict[str, Any] = {"tolerance": tolerance, "shots": shots}
+    options = SimulateOptions(**{key: value for key, value in told.items() if value is not None})
+    folder = out or dated("simulate")
+    refuse_used(folder)
+    with shown(quiet, kept=0) as progress:
+        simulation = simulate(loaded, options, progress)
+    chain = simulation.chain
+    instruments = {
+        "laser": loaded.laser.preset,
+        "detector": loaded.detector.preset,
+        "receiver": loaded.receiver,
+    }
+    run = SceneRun(folder, "simulate", as_toml(loaded), loaded.seed, instruments)
+    conditions = {"scene": scene, "windows": str(options.shots), "command": command_line()}
+    summary = run.finish(analyse(simulation), simulation.shots, conditions, left_out())
+    if as_json:
+        sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
+    elif not quiet:
+        for line in _lines(chain, summary["results"]):
+            print(line)
+        print(f"report: {folder / 'report.html'}")
+    return 0
+
+
+def _lines(chain: Chain, results: dict[str, Any]) -> list[str]:
+    from belahil.report.tables import one_text
+
+    echo = results["echo"]
+    lines = [
+        chain.explain(),
+        "",
+        f"echo: {echo['photons']:.4g} photons, {1e15 * echo['energy_j']:.3g} fJ, "
+        f"{1e3 * echo['peak_at_converter_v']:.3g} mV at the converter",
+    ]
+    for row in results["cases"]:
+        fitted = row["status"]
+        if row["arrival_s"] is not None:
+            fitted += (
+                f", arrival {1e9 * row['arrival_s']:.2f} ns, fwhm {1e9 * row['fwhm_s']:.2f} ns, "
+                f"amplitude {1e3 * row['amplitude_v']:.2f} mV"
+            )
+        lines.append(f"{row['case']}: noise {1e3 * row['noise_rms_v']:.3g} mV rms; Gaussian {fitted}")
+    shots = results["shots"]
+    if shots["arrival_spread"] is not None:
+        spread = one_text(shots["arrival_spread"])
+        lines.append(f"{shots['fitted']} of {shots['count']} shots: arrival varies by {spread}")
+    return lines

@@ -1,0 +1,186 @@
+"""``belahil simulate``: its run folder, its numbers, its refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from belahil.cli.main import main
+from belahil.report import remake
+from procedures.simulate import SimulateOptions, analyse, simulate
+from sim.chain import Chain
+from sim.scene import load_scene, parse_scene
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "night"
+    status = main(
+        ["simulate", "night", "--shots", "4", "--tolerance", "1e-3", "--quiet", "--out", str(folder)]
+    )
+    assert status == 0
+    return folder
+
+
+def test_the_run_folder_holds_what_a_run_folder_holds(folder: Path) -> None:
+    for name in ("summary.json", "data.nc", "report.html", "scene.toml", "log.txt", "figure-simulation.svg"):
+        assert (folder / name).is_file(), name
+    summary = json.loads((folder / "summary.json").read_text())
+    assert list(summary) == [
+        "schema",
+        "procedure",
+        "source",
+        "verdict",
+        "seed",
+        "software",
+        "instruments",
+        "started",
+        "finished",
+        "results",
+    ]
+    assert (summary["procedure"], summary["source"], summary["verdict"]) == ("simulate", "simulated", "none")
+
+
+def test_the_scene_of_the_folder_is_the_scene(folder: Path) -> None:
+    assert parse_scene((folder / "scene.toml").read_text()) == load_scene("night")
+
+
+def test_the_numbers_are_those_of_the_chain(folder: Path) -> None:
+    results = json.loads((folder / "summary.json").read_text())["results"]
+    echo = Chain(load_scene("night")).echo()
+
+    assert results["status"] == "ok"
+    assert results["echo"]["photons"] == pytest.approx(echo.photons)
+    assert results["echo"]["energy_j"] == pytest.approx(0.243e-15, rel=2e-3)
+    assert results["echo"]["peak_at_converter_v"] == pytest.approx(29.2e-3, rel=0.05)
+    assert 0 < results["predicted_error"] <= results["tolerance"] == 1e-3
+    free, night, day = results["cases"]
+    assert [case["case"] for case in results["cases"]] == ["noise-free", "night", "day"]
+    assert free["noise_rms_v"] == 0
+    assert day["noise_rms_v"] / night["noise_rms_v"] == pytest.approx(1.8, rel=0.01)
+    # The link budget's width behind the filter; a Gaussian fitted to 12-bit samples comes near it.
+    assert free["fwhm_s"] == pytest.approx(28e-9, rel=0.05)
+    assert results["shots"]["count"] == results["shots"]["fitted"] == 4
+    assert results["shots"]["arrival"]["value"] == pytest.approx(free["arrival_s"], abs=10e-9)
+
+
+def test_the_data_file_holds_windows_and_curves(folder: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+
+    with xarray.open_dataset(folder / "data.nc") as data:
+        assert data["counts"].shape == (4, 16064)
+        assert {"curve_received_rate", "samples_night", "fit_arrival_s", "ground_height"} <= set(data)
+        rate, time = data["curve_received_rate"].values, data["time"].values
+        assert "SIMULATED" in data.attrs["source"]
+    window = Chain(load_scene("night")).window(2)
+    assert (rate.sum() * (time[1] - time[0])) == pytest.approx(1300, rel=0.05)
+    assert window.counts.max() > window.zero_count + 20
+
+
+def test_the_page_tells_of_a_scene_and_can_be_made_again(folder: Path) -> None:
+    page = (folder / "report.html").read_text()
+
+    assert "SIMULATED DATA" in page
+    assert "belahil simulate scene.toml" in page
+    assert "bench.toml" not in page
+    assert "Verdict" not in page
+    assert remake(folder).read_text() == page
+
+
+def test_results_depend_on_the_seed_alone() -> None:
+    scene, options = load_scene("night"), SimulateOptions(1e-3, 2)
+    one, other = (analyse(simulate(scene, options)).results for _ in range(2))
+
+    assert json.dumps(one, allow_nan=False) == json.dumps(other)
+
+
+def test_explanation_and_numbers_are_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "plane", "--shots", "1", "--out", str(tmp_path / "run")]) == 0
+
+    told = capsys.readouterr().out
+    for words in (
+        "because",
+        "predicted error",
+        "cost of a shot",
+        "photons",
+        "noise-free: noise 0 mV",
+        "report:",
+    ):
+        assert words in told
+
+
+def test_the_summary_is_printed_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["simulate", "plane", "--shots", "1", "--seed", "5", "--json", "--out", str(tmp_path / "run")]
+
+    assert main(arguments) == 0
+
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["seed"] == 5
+    assert summary["results"]["shots"]["arrival_spread"] is None
+
+
+def test_black_ground_gives_a_status_and_no_number(tmp_path: Path) -> None:
+    (tmp_path / "black.toml").write_text("[surface]\nreflectance = 0.0\n")
+
+    assert main(["simulate", str(tmp_path / "black.toml"), "--quiet", "--out", str(tmp_path / "run")]) == 0
+
+    results = json.loads((tmp_path / "run" / "summary.json").read_text())["results"]
+    assert results["status"] == "no_light"
+    assert results["cases"][0]["status"] == "no_pulse"
+    assert results["cases"][0]["arrival_s"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        ("[laser]\nenergy = 1.0\n", [], "unknown key `energy`"),
+        ("altitude_m = 0.0\n", [], "altitude_m"),
+        ("[detector]\nbias_v = 500.0\n", [], "breakdown"),
+        ("", ["--tolerance", "-1e-3"], "tolerance -0.001"),
+        ("", ["--tolerance", "1e-15"], "floor"),
+        ("[surface]\nslope_deg = 89.9\nkind = 'crater'\n", ["--tolerance", "1e-6"], "predicted error"),
+    ],
+)
+def test_bad_input_is_one_line_and_no_folder(
+    text: str, options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scene.toml").write_text(text)
+
+    status = main(["simulate", str(tmp_path / "scene.toml"), *options, "--out", str(tmp_path / "run")])
+
+    said = capsys.readouterr().err
+    assert status == 2
+    assert words in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_scene_names_the_ready_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "moon"]) == 2
+
+    assert "boulder-example" in capsys.readouterr().err
+
+
+def test_a_used_folder_is_refused_before_anything_is_computed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Chain, "__init__", lambda *_: pytest.fail("computed"))
+
+    assert main(["simulate", "plane", "--out", str(folder)]) == 2
+
+
+def test_the_dtm_of_a_file_is_simulated(tmp_path: Path) -> None:
+    heights = np.random.default_rng(4).normal(0, 0.3, (60, 60))
+    np.save(tmp_path / "ground.npy", heights)
+    (tmp_path / "dtm.toml").write_text("[surface]\nkind = 'dtm'\nfile = 'ground.npy'\nspacing_m = 1.5\n")
+
+    status = main(
+        ["simulate", str(tmp_path / "dtm.toml"), "--shots", "1", "--quiet", "--out", str(tmp_path / "run")]
+    )
+
+    assert status == 0
+    results = json.loads((tmp_path / "run" / "summary.json").read_text())["results"]
+    assert results["terrain_posts_error"] > 1e-3
