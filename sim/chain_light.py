@@ -1,8 +1,4 @@
-"""The light of a chain: where a shot's photons come from, and when they reach the photodiode.
-
-What this does not model: photons that differ from shot to shot by their number alone; their spread is in the
-shot noise.
-"""
+"""The light of a chain: where a shot's photons come from, and when they reach the photodiode."""
 
 from __future__ import annotations
 

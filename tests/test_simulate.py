@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -184,3 +185,24 @@ def test_the_dtm_of_a_file_is_simulated(tmp_path: Path) -> None:
     assert status == 0
     results = json.loads((tmp_path / "run" / "summary.json").read_text())["results"]
     assert results["terrain_posts_error"] > 1e-3
+
+
+def test_a_real_terrain_model_runs_from_end_to_end(tmp_path: Path) -> None:
+    path = os.environ.get("BELAHIL_LUNAR_DTM")
+    if not path:
+        pytest.skip("BELAHIL_LUNAR_DTM does not name a terrain model")
+    pytest.importorskip("rasterio")
+    (tmp_path / "moon.toml").write_text(
+        f"[surface]\nkind = 'dtm'\nfile = '{path}'\nextent_m = 200.0\n[noise]\nshot = true\n"
+    )
+
+    status = main(
+        ["simulate", str(tmp_path / "moon.toml"), "--shots", "2", "--quiet", "--out", str(tmp_path / "run")]
+    )
+
+    assert status == 0
+    results = json.loads((tmp_path / "run" / "summary.json").read_text())["results"]
+    assert (results["status"], results["method"]) == ("ok", "grid")
+    assert results["echo"]["photons"] == pytest.approx(1300, rel=0.01)
+    assert 0 < results["predicted_error"] <= 1e-4
+    assert 0 < results["terrain_posts_error"] < 0.01

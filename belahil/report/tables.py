@@ -9,7 +9,7 @@ from typing import Any
 
 from belahil.uncertainty import PREFIXES, prefix_power, written
 
-SUFFIXES = {"hz": "Hz", "v": "V", "vpp": "Vpp", "s": "s", "ppm": "ppm", "db": "dB", "ohm": "ohm"}
+SUFFIXES = {"hz": "Hz", "v": "V", "vpp": "Vpp", "s": "s", "j": "J", "ppm": "ppm", "db": "dB", "ohm": "ohm"}
 MISSING = "\N{EN DASH}"
 
 
