@@ -176,13 +176,14 @@ def test_a_missing_or_broken_file_is_told(tmp_path: Path, name: str) -> None:
 def test_the_budget_is_one_table_whatever_the_number_of_quantities(tmp_path: Path) -> None:
     lines = [BudgetLine(f"gain, code {code}", "noise", 2e-3, "1", 1.0) for code in range(32)]
     lines.append(BudgetLine("cut-off, code 0", "flatness", 1.5e3, "Hz", 1.0))
+    lines.append(BudgetLine("cut-off, code 0", "amplitude", 6e-11, "Hz", 1.6e-27))
     with begin(tmp_path / "run") as run:
         run.finish(outcome(budget=lines))
     (budget,) = re.findall(
         r"<h2>Uncertainty budget</h2>(.*?)<h2>", (tmp_path / "run/report.html").read_text(), re.S
     )
     assert (budget.count("<table>"), budget.count("<tr>"), budget.count("<details")) == (1, 1 + 33, 0)
-    assert "<td>cut-off, code 0</td><td>\N{EN DASH}</td><td>1.5 kHz (100.0 %)</td>" in budget
+    assert "<td>cut-off, code 0</td><td>\N{EN DASH}</td><td>1.5 kHz (100.0 %)</td><td>0</td>" in budget
 
 
 def test_only_wide_tables_are_dense_and_break_their_words(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from belahil.verdict import Check
 
 LONG = 20  # rows of a table that a page shows at once
+ROUNDING = 1e-20  # share of a variance
 DENSE = 5  # columns from which on a table is set in small letters
 
 
@@ -145,6 +146,7 @@ def _budget(lines: Sequence[Mapping[str, Any]]) -> Grid | None:
     cells: dict[str, dict[str, str]] = {}
     for line in lines:
         told = f"{_quantity(line['value'], line['unit'])} ({100 * line['share']:.1f} %)"
-        cells.setdefault(line["quantity"], {})[line["source"]] = told
+        # What moves a result by rounding alone does not move it.
+        cells.setdefault(line["quantity"], {})[line["source"]] = told if line["share"] > ROUNDING else "0"
     rows = ((name, *(row.get(source, MISSING) for source in sources)) for name, row in cells.items())
     return Grid("Uncertainty budget", ("quantity", *sources), tuple(rows))
