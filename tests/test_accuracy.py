@@ -417,3 +417,10 @@ def test_a_fresh_process_tells_what_it_pays() -> None:
 
     assert {"import numpy", "import scipy.special", "first shot: plan, tables, 42 samples"} <= set(found)
     assert all(seconds > 0 for seconds in found.values())
+
+
+def test_the_command_line_names_the_stages_that_there_are() -> None:
+    from belahil.cli import accuracy as command
+    from procedures.accuracy_rows import STAGES
+
+    assert command.STAGES == STAGES

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray
 
+from belahil import pulse_fit
 from belahil.cli.main import main
 from belahil.outcome import STATUSES
 from procedures import butterworth_fit, dark_noise, sine_fit
@@ -75,6 +76,7 @@ def test_every_status_that_is_made_has_a_number() -> None:
     dark = get_args(dark_noise.Status)
     made = {"no_usable_point", *get_args(butterworth_fit.Status), *dark, *get_args(sine_fit.SineStatus)}
     made |= {f"noise_{word}" for word in dark if word != "ok"}
+    made |= set(get_args(pulse_fit.FitStatus))
     made -= {"masked"}  # which is ok in a table
     assert made == set(STATUSES)
 

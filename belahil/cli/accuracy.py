@@ -12,12 +12,16 @@ import click
 from belahil.cli import signals
 from belahil.cli.options import version_option
 from belahil.cli.progress import PLAIN_EVERY_S
-from procedures.accuracy_rows import STAGES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from procedures.accuracy import WorkPrecision
+    from procedures.accuracy_rows import Stage
+
+
+STAGES: tuple[Stage, ...] = ("footprint", "filter", "detection", "noise")
+"""Those of `procedures.accuracy_rows`, told here so that the help need not load them."""
 
 
 @click.command("accuracy", short_help="What accuracy costs in time, on this machine.")
