@@ -8,7 +8,7 @@ how much arrival, width and amplitude vary.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,6 @@ import numpy as np
 from msgspec import structs
 
 from belahil.errors import RefusedInput
-from belahil.outcome import Outcome, Table
 from belahil.pulse_fit import gaussian_fit
 from belahil.run import utc_now
 from belahil.stimuli import SampledPulse
@@ -29,7 +28,6 @@ from sim.scene import load_scene
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from belahil.pulse_fit import PulseFit
@@ -38,8 +36,13 @@ if TYPE_CHECKING:
 CASES = ("noise-free", "night", "day")
 SHOWN_SHOT = 0
 SHOTS = 10
+FALSE_BEYOND_M = 10.0
+"""A candidate further off the range is another pulse (Nishiyama et al.)."""
+_MANY = 100
+"""So many shots repay the time in which the compiled loops of the range finder are loaded."""
 _CURVE_STEPS = 20
 """Places on a curve in a sample interval."""
+_LIGHT_M_PER_S = 299792458.0
 _GROUND_POSTS = 121
 _GROUND_RADII = 1.7
 
@@ -128,7 +131,7 @@ class Simulation:
     chain : Chain
         Of the scene.
     shots : tuple of Shot
-        Whole windows; `played` is the mean echo at the cut.
+        Whole windows with their candidates; `played` is the mean echo at the cut.
     """
 
     chain: Chain
@@ -189,6 +192,22 @@ class Simulation:
             _fit(self.chain, shot.window.volts[first : first + request.sample_count]) for shot in self.shots
         )
 
+    @cached_property
+    def detected(self) -> int:
+        """How many shots have a candidate where the echo is."""
+        chain = self.chain
+        there = _fit(chain, chain.samples().volts).pulse
+        if there is None:
+            return 0
+        true_s = chain.correlation_window().delay_s + there.arrival_s
+        near_s = 2 * FALSE_BEYOND_M / _LIGHT_M_PER_S
+        # A sample for the phase, which differs from shot to shot.
+        near_s += chain.receiver.spec.sample_interval_s
+        return sum(
+            any(abs(shot.window.start_s + one.arrival_s - true_s) < near_s for one in shot.window.candidates)
+            for shot in self.shots
+        )
+
 
 def simulate(
     scene: Scene, options: SimulateOptions, progress: Callable[[int, int], None] | None = None
@@ -211,29 +230,13 @@ def simulate(
     """
     chain = Chain(scene, Accuracy(options.tolerance))
     played, date = chain.stimulus(), utc_now()
+    finder = replace(chain.range_finder, compiled=options.shots >= _MANY)
     shots = []
     for index in range(options.shots):
-        shots.append(Shot(played, chain.window(index), date))
+        shots.append(Shot(played, finder.report(chain.window(index), "window"), date))
         if progress is not None:
             progress(index + 1, options.shots)
     return Simulation(chain, tuple(shots))
-
-
-def analyse(simulation: Simulation) -> Outcome:
-    """Turn a simulation into results, tables and the figure."""
-    chain = simulation.chain
-    return Outcome(
-        results=_results(simulation),
-        tables=_tables(simulation),
-        figures={"simulation": lambda: _figure(simulation)},
-        notes=[
-            "night and day: the scene's own noise, without and with sunlight; what it does not name is the "
-            "receiver's dark noise, the shot noise of the echo, and the Sun of the ready scene `day`.",
-            "arrivals count from the gate, the time of flight to the plane z = 0 at nadir, and have the "
-            "delay of the receiver's filter.",
-            *([f"no light comes back: {chain.echo().status}"] if chain.echo().status != "ok" else []),
-        ],
-    )
 
 
 def _chain_of(case: str, chain: Chain) -> Chain:
@@ -265,129 +268,3 @@ def _case(name: str, chain: Chain) -> Case:
 def _fit(chain: Chain, volts: NDArray[np.float64]) -> PulseFit:
     clip_v = (chain.receiver.quantizer.full_scale_v / 2) - chain.receiver.quantizer.volts_per_count
     return gaussian_fit(volts, chain.receiver.spec.sample_interval_s, clip_v)
-
-
-def _results(simulation: Simulation) -> dict[str, Any]:
-    chain, curves = simulation.chain, simulation.curves
-    light = chain.echo()
-    return {
-        "status": "ok" if light.status == "ok" else "no_light",
-        "tolerance": chain.accuracy.tolerance,
-        "predicted_error": chain.plan.predicted_error,
-        "terrain_posts_error": chain.posts_error,
-        "method": chain.plan.method.replace(" ", "_"),
-        "pixels": chain.plan.pixels,
-        "echo": {
-            "photons": light.photons,
-            "energy_j": light.energy_j,
-            "peak_rate_hz": float(curves["received_rate"].max()),
-            "peak_at_converter_v": float(curves["amplified"].max()),
-        },
-        "cases": [
-            {"case": case.name, "noise_rms_v": case.noise_rms_v, **_of_fit(case.fit, case.times_s[0])}
-            for case in simulation.cases
-        ],
-        "shots": _of_shots(simulation),
-        "stages": [
-            {"stage": stage.name, "place": stage.place, "draws": stage.draw, "because": stage.reason}
-            for stage in chain.stages
-        ],
-    }
-
-
-def _of_fit(fit: PulseFit, first_s: float) -> dict[str, Any]:
-    pulse = fit.pulse
-    return {
-        "arrival_s": None if pulse is None else float(first_s) + pulse.arrival_s,
-        "fwhm_s": None if pulse is None else pulse.fwhm_s,
-        "amplitude_v": None if pulse is None else pulse.amplitude_v,
-        "status": fit.status,
-    }
-
-
-def _arrivals(simulation: Simulation) -> list[dict[str, Any]]:
-    chain = simulation.chain
-    return [
-        _of_fit(fit, chain.first_sample_s(index, chain.correlation_window(index)))
-        for index, fit in enumerate(simulation.fits)
-    ]
-
-
-def _of_shots(simulation: Simulation) -> dict[str, Any]:
-    """Mean and spread over the shots whose fit holds; what needs two shots is null with one."""
-    rows = [row for row in _arrivals(simulation) if row["status"] == "ok"]
-    found: dict[str, Any] = {"count": len(simulation.shots), "fitted": len(rows)}
-    for key, unit in (("arrival_s", "s"), ("fwhm_s", "s"), ("amplitude_v", "V")):
-        name = key.rpartition("_")[0]
-        values = np.array([row[key] for row in rows])
-        found[name] = found[f"{name}_spread"] = None
-        if values.size > 1:
-            spread = float(values.std(ddof=1))
-            found[name] = _measured(float(values.mean()), spread / math.sqrt(values.size), unit)
-            found[f"{name}_spread"] = _measured(spread, spread / math.sqrt(2 * (values.size - 1)), unit)
-    return found
-
-
-def _measured(value: float, uncertainty: float, unit: str) -> dict[str, Any]:
-    return {"value": value, "standard_uncertainty": uncertainty, "unit": unit}
-
-
-def _tables(simulation: Simulation) -> dict[str, Table]:
-    ground, curves = simulation.ground, simulation.curves
-    x_m, y_m = np.meshgrid(ground.x_m, ground.y_m)
-    texts = {
-        "transmitted_rate": ("s-1", "photons sent; the laser fires at time 0"),
-        "received_rate": ("s-1", "photons on the photodiode"),
-        "received_power": ("W", "optical power on the photodiode"),
-        "before_amplifier": ("V", "at the cut, with shot noise of the echo"),
-        "amplified": ("V", "at the converter, without noise"),
-    }
-    samples: dict[str, Any] = {
-        "sample_time": (simulation.cases[0].times_s, "s", "true time of the sample from the gate")
-    }
-    samples |= {
-        case.name.replace("-", "_"): (case.volts, "V", f"samples, {case.name}") for case in simulation.cases
-    }
-    rows = _arrivals(simulation)
-    fits: dict[str, Any] = {
-        key: (np.array([np.nan if row[key] is None else row[key] for row in rows]), unit, text)
-        for key, unit, text in (
-            ("arrival_s", "s", "centre of the Gaussian from the gate"),
-            ("fwhm_s", "s", "its full width at half maximum"),
-            ("amplitude_v", "V", "its height at the converter"),
-        )
-    }
-    fits["status"] = (np.array([row["status"] for row in rows]), "1", "ok, or what is missing")
-    tables = {
-        "curve": Table(
-            {"time": (simulation.times_s, "s", "from the gate")}
-            | {name: (curves[name], unit, text) for name, (unit, text) in texts.items()},
-            "time",
-        ),
-        "samples": Table(samples, "sample_time"),
-        "fit": Table(fits, "shot"),
-        "ground": Table(
-            {
-                "x": (x_m.ravel(), "m", "from nadir"),
-                "y": (y_m.ravel(), "m", "from nadir"),
-                "height": (ground.height_m.ravel(), "m", "above z = 0"),
-            },
-            "place",
-        ),
-    }
-    return {
-        name: Table(
-            {
-                column if column == table.dimension or column.startswith(name) else f"{name}_{column}": values
-                for column, values in table.columns.items()
-            },
-            table.dimension,
-        )
-        for name, table in tables.items()
-    }
-
-
-def _figure(simulation: Simulation) -> Figure:
-    from procedures.simulate_figure import simulation_figure
-
-    return simulation_figure(simulation)

@@ -43,7 +43,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.stimuli import NoSignal, SampledPulse
+    from belahil.values import Candidate
     from sim.footprint import FootprintPlan
+    from sim.rfm import RangeFinder
     from sim.scene import Scene
     from sim.terrain import Surface
 
@@ -181,6 +183,27 @@ class Chain:
         """
         request = request or self.whole_window(shot or 0)
         return self.receiver.digitized(self._at_converter(shot, request), request)
+
+    def candidates(
+        self, shot: int | None = None, request: WindowRequest | None = None, with_samples: bool = False
+    ) -> tuple[Candidate, ...]:
+        """Return the pulses that the range finder finds in a window, best first.
+
+        Parameters
+        ----------
+        shot, request
+            As in `window`.
+        with_samples : bool
+            Whether each carries its correlation window.
+        """
+        return self.range_finder.candidates(self.window(shot, request), with_samples)
+
+    @cached_property
+    def range_finder(self) -> RangeFinder:
+        """The receiver's range finder."""
+        from sim.rfm import RangeFinder
+
+        return RangeFinder.of(self.scene.receiver_spec)
 
     def whole_window(self, shot: int = 0) -> WindowRequest:
         """Return the request for the longest window."""

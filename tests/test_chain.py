@@ -23,6 +23,7 @@ from sim.draws import Draws
 from sim.footprint import DelayGaussian
 from sim.link_budget import link_budget
 from sim.presets import laser_preset
+from sim.receiver_model import ReceiverModel
 from sim.scene import Scene, load_scene
 from sim.terrain_grid import OffTerrain
 
@@ -349,3 +350,36 @@ def test_another_instrument_runs_through_the_same_chain() -> None:
     assert chain.samples().volts.size == 64
     assert chain.samples().sample_rate_hz == 200e6
     assert laser_preset("gala-like").divergence_rad == scene.laser.divergence_rad
+
+
+# ---- detection
+
+
+def test_the_range_finder_of_the_receiver_finds_the_echo() -> None:
+    chain = Chain(NIGHT)
+
+    best, *others = chain.candidates(2, with_samples=True)
+
+    noise_free = chain.samples()
+    peak_s = noise_free.start_s + noise_free.volts.argmax() * INTERVAL_S
+    assert abs(best.arrival_s - peak_s) < 2 * INTERVAL_S
+    assert best.amplitude_v > 5 * max(other.amplitude_v for other in others)
+    assert (len(best.correlation_window), len(others)) == (42, 3)
+
+
+def test_the_whole_window_is_computed_only_where_somebody_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = []
+    true = ReceiverModel.at_converter
+    monkeypatch.setattr(
+        ReceiverModel,
+        "at_converter",
+        lambda self, volts, *rest: (sizes.append(volts.size), true(self, volts, *rest))[1],
+    )
+    chain = Chain(DAY)
+
+    chain.samples(1)
+    chain.window(1, chain.correlation_window(1))
+    assert set(sizes) == {42}
+    chain.candidates(1)
+
+    assert sizes[-1] == 16064

@@ -11,7 +11,8 @@ import pytest
 
 from belahil.cli.main import main
 from belahil.report import remake
-from procedures.simulate import SimulateOptions, analyse, simulate
+from procedures.simulate import SimulateOptions, simulate
+from procedures.simulate_outcome import analyse
 from sim.chain import Chain
 from sim.scene import load_scene, parse_scene
 
@@ -64,7 +65,7 @@ def test_the_numbers_are_those_of_the_chain(folder: Path) -> None:
     assert day["noise_rms_v"] / night["noise_rms_v"] == pytest.approx(1.8, rel=0.01)
     # The link budget's width behind the filter; a Gaussian fitted to 12-bit samples comes near it.
     assert free["fwhm_s"] == pytest.approx(28e-9, rel=0.05)
-    assert results["shots"]["count"] == results["shots"]["fitted"] == 4
+    assert [results["shots"][key] for key in ("count", "detected", "fitted")] == [4, 4, 4]
     assert results["shots"]["arrival"]["value"] == pytest.approx(free["arrival_s"], abs=10e-9)
 
 
@@ -74,6 +75,7 @@ def test_the_data_file_holds_windows_and_curves(folder: Path) -> None:
     with xarray.open_dataset(folder / "data.nc") as data:
         assert data["counts"].shape == (4, 16064)
         assert {"curve_received_rate", "samples_night", "fit_arrival_s", "ground_height"} <= set(data)
+        assert data["candidate_of_shot"].size == 16
         rate, time = data["curve_received_rate"].values, data["time"].values
         assert "SIMULATED" in data.attrs["source"]
     window = Chain(load_scene("night")).window(2)
@@ -132,6 +134,7 @@ def test_black_ground_gives_a_status_and_no_number(tmp_path: Path) -> None:
     assert results["status"] == "no_light"
     assert results["cases"][0]["status"] == "no_pulse"
     assert results["cases"][0]["arrival_s"] is None
+    assert results["shots"]["detected"] == 0
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,8 @@ def command(
     from belahil.provenance import command_line
     from belahil.run_folder import refuse_used
     from belahil.scene_run import SceneRun
-    from procedures.simulate import SimulateOptions, analyse, simulate
+    from procedures.simulate import SimulateOptions, simulate
+    from procedures.simulate_outcome import analyse
     from sim.scene import as_toml, load_scene
 
     loaded = load_scene(scene)
@@ -94,6 +95,7 @@ def _lines(chain: Chain, results: dict[str, Any]) -> list[str]:
             )
         lines.append(f"{row['case']}: noise {1e3 * row['noise_rms_v']:.3g} mV rms; Gaussian {fitted}")
     shots = results["shots"]
+    lines.append(f"range finder: echo among its candidates in {shots['detected']} of {shots['count']} shots")
     if shots["arrival_spread"] is not None:
         spread = one_text(shots["arrival_spread"])
         lines.append(f"{shots['fitted']} of {shots['count']} shots: arrival varies by {spread}")
