@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,7 @@ from procedures.accuracy_footprint import INTERVAL_S, SAMPLES, kernel
 from procedures.accuracy_rows import Measured, Setting
 from sim.rfm import RangeFinder
 from sim.template_bank import TemplateBank
+from sim.whitened_fit import WhitenedFit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,8 +46,9 @@ REFINED_MM = 0.2
 WINDOW = BELA_GRM.digitizer.max_sample_count
 OPTICAL_S = (45e-9, 10e-9)
 COLOURED_SNR = 30.0
-_TRIALS = 600
+_TRIALS = 1000
 _MIDDLE = WINDOW // 2
+_BEGIN = _MIDDLE - SAMPLES // 2 + 2
 _AROUND = 150
 """Samples on either side of the middle, after which a pulse is over."""
 
@@ -81,6 +84,8 @@ def _coloured_settings(optical_s: float) -> Iterator[Setting]:
     one = partial(Setting, "detection", case)
     yield one("Gaussian fit", "converged", reference, UNIT, partial(_coloured_fit, optical_s), asked)
     yield one(_METHOD, "12 widths, 1 step", reference, UNIT, partial(_coloured_search, optical_s), asked)
+    known_mm = ABOVE_BOUND * _known_bound_mm(optical_s)
+    yield one("whitened fit", "known response", reference, UNIT, partial(_whitened, optical_s), known_mm)
 
 
 def _finder(widths: int, steps: int) -> RangeFinder:
@@ -140,18 +145,25 @@ def _rms(errors_s: NDArray[np.float64], shot: Callable[[], object], predicted_mm
     return Measured(MM_PER_S * math.sqrt(float(np.mean(errors_s**2))), shot, predicted=predicted_mm)
 
 
+def _rms_of_phases(bound_s: Callable[[float], float]) -> float:
+    """Return what a bound, given the place of an echo in samples, is on the whole, mm."""
+    squares = [bound_s(_MIDDLE - _BEGIN + phase) ** 2 for phase in PHASES]
+    return MM_PER_S * math.sqrt(float(np.mean(squares)))
+
+
 @lru_cache(maxsize=4)
 def coloured_bound_mm(optical_s: float) -> float:
     """Return the Cramer-Rao bound of the arrival in the receiver's noise: place, width and height unknown."""
-    times = np.arange(SAMPLES, dtype=np.float64)
-    centre, step, wider = SAMPLES / 2 - 2, 1e-3, 1e-3
-    by_place = (_echo(optical_s, centre + step, times) - _echo(optical_s, centre - step, times)) / (2 * step)
-    broad, narrow = (_echo(optical_s * (1 + sign * wider), centre, times) for sign in (1, -1))
-    gradient = np.stack([by_place, broad - narrow, _echo(optical_s, centre, times)])
-    noise = filtered_noise_covariance(
-        kernel(1e-4).poles, 0, INTERVAL_S, SAMPLES, _peak(optical_s) / COLOURED_SNR
-    )
-    return math.sqrt(float(bound(gradient, noise)[0, 0])) * INTERVAL_S * MM_PER_S
+    times, step, wider = np.arange(SAMPLES, dtype=np.float64), 1e-3, 1e-3
+    noise = _covariance(_peak(optical_s) / COLOURED_SNR)
+
+    def bound_s(centre: float) -> float:
+        later, sooner = (_echo(optical_s, centre + sign * step, times) for sign in (1, -1))
+        broad, narrow = (_echo(optical_s * (1 + sign * wider), centre, times) for sign in (1, -1))
+        gradient = np.stack([(later - sooner) / (2 * step), broad - narrow, _echo(optical_s, centre, times)])
+        return math.sqrt(float(bound(gradient, noise)[0, 0])) * INTERVAL_S
+
+    return _rms_of_phases(bound_s)
 
 
 def _coloured_search(optical_s: float) -> Measured:
@@ -167,13 +179,40 @@ def _coloured_search(optical_s: float) -> Measured:
 
 def _coloured_fit(optical_s: float) -> Measured:
     noise = SampledNoise(kernel(1e-4).poles, 0, INTERVAL_S)
-    begin = _MIDDLE - SAMPLES // 2 + 2
     return _coloured(
         optical_s,
-        lambda phase: _windows(optical_s, phase)[begin : begin + SAMPLES],
+        lambda phase: _windows(optical_s, phase)[_BEGIN : _BEGIN + SAMPLES],
         lambda rng: noise.draw(rng, SAMPLES),
         fitted,
     )
+
+
+@lru_cache(maxsize=4)
+def _whitened_fit(optical_s: float) -> WhitenedFit:
+    response = kernel(1e-4).widened(optical_s / math.sqrt(CURVATURE))
+    peak = _peak(optical_s)
+    return WhitenedFit(lambda since_s: response.at(since_s) / peak, _covariance(1 / COLOURED_SNR), INTERVAL_S)
+
+
+def _known_bound_mm(optical_s: float) -> float:
+    """Return the bound where the response is known: place and height unknown."""
+    fit = _whitened_fit(optical_s)
+    return _rms_of_phases(lambda centre: fit.bound(centre * INTERVAL_S, 1.0)[0])
+
+
+def _whitened(optical_s: float) -> Measured:
+    fit, noise = _whitened_fit(optical_s), SampledNoise(kernel(1e-4).poles, 0, INTERVAL_S)
+    found = _coloured(
+        optical_s,
+        lambda phase: _windows(optical_s, phase)[_BEGIN : _BEGIN + SAMPLES],
+        lambda rng: noise.draw(rng, SAMPLES),
+        lambda volts: fit.fit(volts).arrival_s,
+    )
+    return replace(found, predicted=_known_bound_mm(optical_s))
+
+
+def _covariance(noise_rms: float) -> NDArray[np.float64]:
+    return filtered_noise_covariance(kernel(1e-4).poles, 0, INTERVAL_S, SAMPLES, noise_rms)
 
 
 def _coloured(

@@ -160,15 +160,15 @@ def test_arrival_is_near_the_bound_where_that_is_promised_and_the_rest_is_told(r
         if "noise, " in row.case and row.stage == "detection" and "largest" not in row.method
     ]
 
-    assert len(promised) == 2 * (3 + 2)
+    assert len(promised) == 2 * 3 + 3 * 2
     for row in promised:
-        if row.case == "receiver's noise, echo 10 ns":
-            # A Gaussian loses 1.4 to 1.6 of the bound here; 600 errors tell their rms to 3 %.
+        if row.case == "receiver's noise, echo 10 ns" and row.method != "whitened fit":
+            # 6000 errors gave 1.35 to 1.37; 1000 tell their rms to 2.2 %.
             assert row.requested is None
-            assert 1.25 < row.of_predicted < 1.75  # type: ignore[operator]
+            assert 1.25 < row.of_predicted < 1.5  # type: ignore[operator]
         else:
             assert row.of_predicted <= 1.1  # type: ignore[operator]
-            # No unbiased estimate is better than the bound: three standard errors of the smallest sample.
+            # No unbiased estimate is better than the bound: four standard errors below it.
             assert row.of_predicted >= 0.91  # type: ignore[operator]
 
 
