@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from procedures.accuracy_machine import Machine, this_machine
-from procedures.accuracy_rows import STAGES, Effort, Row, Setting, Stage, measured, with_pareto
+from procedures.accuracy_rows import STAGES, Effort, Row, Setting, Stage, measured, timed_again, with_pareto
 from procedures.accuracy_startup import startup_s
 
 Progress = Callable[[int, int], None]
@@ -62,21 +62,32 @@ def settings(stages: Iterable[Stage]) -> tuple[Setting, ...]:
 
 
 def measure(options: AccuracyOptions, progress: Progress) -> WorkPrecision:
-    """Measure every setting.
+    """Measure every setting, and time all of them once more.
 
     Parameters
     ----------
     options : AccuracyOptions
         What.
     progress : callable
-        Of (done, total), after each row.
+        Of (done, total), after each row of both rounds.
     """
     todo = settings(options.stages)
-    rows: list[Row] = []
+    first = []
     for setting in todo:
-        rows.append(measured(setting, options.effort))
-        progress(len(rows), len(todo))
+        first.append(measured(setting, options.effort))
+        progress(len(first), 2 * len(todo))
+    rows: list[Row] = []
+    for row, found in first:
+        rows.append(timed_again(row, found, options.effort))
+        progress(len(todo) + len(rows), 2 * len(todo))
     return WorkPrecision(this_machine(options.effort), startup_s(), with_pareto(rows))
+
+
+def by_case(unsorted: Iterable[Setting]) -> tuple[Setting, ...]:
+    """Put the settings of each case together, in the order in which the cases first come."""
+    every = tuple(unsorted)
+    cases = list(dict.fromkeys(setting.case for setting in every))
+    return tuple(sorted(every, key=lambda setting: cases.index(setting.case)))
 
 
 def _of(stage: Stage) -> Iterable[Setting]:
@@ -91,8 +102,9 @@ def _of(stage: Stage) -> Iterable[Setting]:
         return filter_settings()
     if stage == "detection":
         from procedures.accuracy_detection import detection_settings
+        from procedures.accuracy_range_finder import range_finder_settings
 
-        return detection_settings()
+        return by_case((*detection_settings(), *range_finder_settings()))
     from procedures.accuracy_noise import noise_settings
 
     return noise_settings()

@@ -29,28 +29,38 @@ SNRS = (10.0, 30.0, 100.0)
 _TRIALS = 1000
 _CENTRE_S = SAMPLES / 2 * INTERVAL_S
 
-_WIDTHS_S = (30e-9, 45e-9, 65e-9, 100e-9)
-_PHASES = 5
-_NOISE_FREE = "echo without noise"
+WIDTHS_S = (30e-9, 45e-9, 65e-9, 100e-9)
+PHASES = tuple((k + 1 / math.e) / 5 for k in range(5))
+"""Parts of a sample: echoes are placed so."""
+
+NOISE_FREE = "echo without noise"
 _CONVERGED = "least squares to the last digit (SciPy); worst of filtered echoes, FWHM 30 to 100 ns"
 
 
 def detection_settings() -> Iterator[Setting]:
     """List what is measured."""
-    quiet = partial(Setting, "detection", _NOISE_FREE)
+    quiet = partial(Setting, "detection", NOISE_FREE)
     yield quiet("Gaussian fit", "converged", _CONVERGED, UNIT, partial(_noise_free, fitted), 1e-3)
     yield quiet("least squares of SciPy", "default", _CONVERGED, UNIT, partial(_noise_free, by_scipy), 1e-3)
     yield quiet("largest sample", "no fit", _CONVERGED, UNIT, partial(_noise_free, largest))
     for snr in SNRS:
-        case = f"white noise, SNR {snr:g}"
-        reference = (
-            f"the true arrival, rms of {_TRIALS} Gaussians, FWHM {1e9 * FWHM_S:g} ns; "
-            f"predicted is the Cramer-Rao bound, asked for {ABOVE_BOUND} times it"
-        )
-        noisy = partial(Setting, "detection", case)
-        asked = ABOVE_BOUND * _bound_mm(snr)
+        noisy = partial(Setting, "detection", white_case(snr))
+        reference, asked = white_reference(_TRIALS), ABOVE_BOUND * bound_mm(snr)
         yield noisy("Gaussian fit", "converged", reference, UNIT, partial(_noisy, fitted, snr), asked)
         yield noisy("largest sample", "no fit", reference, UNIT, partial(_noisy, largest, snr), asked)
+
+
+def white_case(snr: float) -> str:
+    """Name the case of Gaussians in white noise."""
+    return f"white noise, SNR {snr:g}"
+
+
+def white_reference(trials: int) -> str:
+    """Say what its errors are measured against."""
+    return (
+        f"the true arrival, rms of {trials} Gaussians, FWHM {1e9 * FWHM_S:g} ns; "
+        f"predicted is the Cramer-Rao bound, asked for {ABOVE_BOUND} times it"
+    )
 
 
 def fitted(volts: NDArray[np.float64]) -> float:
@@ -86,9 +96,9 @@ def _echoes() -> tuple[NDArray[np.float64], ...]:
     one = kernel(1e-4)
     times_s = INTERVAL_S * np.arange(SAMPLES, dtype=np.float64)
     found = []
-    for fwhm_s in _WIDTHS_S:
+    for fwhm_s in WIDTHS_S:
         echo = one.widened(fwhm_s / math.sqrt(CURVATURE))
-        for phase in (np.arange(_PHASES) + 1 / math.e) / _PHASES:
+        for phase in PHASES:
             volts = echo.exact(times_s - _CENTRE_S + phase * INTERVAL_S)
             found.append(volts / volts.max())
     return tuple(found)
@@ -101,7 +111,8 @@ def _noise_free(arrival: Arrival) -> Measured:
     return Measured(max(errors) * MM_PER_S, lambda: arrival(echoes[0]))
 
 
-def _bound_mm(snr: float) -> float:
+def bound_mm(snr: float) -> float:
+    """Return the Cramer-Rao bound of the arrival in white noise."""
     return white_bound(GaussianPulse(_CENTRE_S, FWHM_S, 1.0), INTERVAL_S, 1 / snr).arrival_s * MM_PER_S
 
 
@@ -115,4 +126,4 @@ def _noisy(arrival: Arrival, snr: float) -> Measured:
         volts = pulse.at(times_s) + rng.standard_normal(SAMPLES) / snr
         errors[trial] = arrival(volts) - pulse.arrival_s
     rms_mm = MM_PER_S * math.sqrt(float(np.mean(errors**2)))
-    return Measured(rms_mm, lambda: arrival(volts), predicted=_bound_mm(snr))
+    return Measured(rms_mm, lambda: arrival(volts), predicted=bound_mm(snr))

@@ -75,7 +75,10 @@ def this_machine(effort: Effort) -> Machine:
             "python": platform.python_version(),
             **{name: _version(name) for name in _LIBRARIES},
         },
-        repeats=f"shortest of up to {effort.calls} warm calls within {effort.budget_s:g} s, at least 3",
+        repeats=(
+            f"shortest warm call of two rounds, each of up to {effort.calls} within {effort.budget_s:g} s, "
+            "at least 3"
+        ),
         reference_loop_us=reference_loop_us(),
     )
 

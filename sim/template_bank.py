@@ -28,7 +28,7 @@ _NARROWEST = 1.2
 """Full width, in taps, below which a sampled Gaussian no longer has its variance."""
 _TAPS_IN_WIDTH = 2.4
 """Taps may be so far apart that the full width of what goes in holds 2.4."""
-_MOST_WIDTHS, _WIDEST = 64, 1000
+_MOST_WIDTHS, _WIDEST, _NOTHING = 64, 1000, 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,9 @@ class TemplateBank:
             for stage in self.stages
             if stage.scored
         ]
-        return np.array(rows, dtype=np.float32)
+        templates = np.array(rows)
+        # The outermost taps are products of many small ones: in single precision subnormal, and slow.
+        return np.where(templates > _NOTHING, templates, 0.0).astype(np.float32)
 
 
 def _template(found: list[Stage], width: float) -> Stage | None:

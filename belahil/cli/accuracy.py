@@ -114,7 +114,7 @@ def _shown(quiet: bool) -> Iterator[Callable[[int, int], None]]:
         now = time.monotonic()
         if not quiet and now - last >= PLAIN_EVERY_S:
             last = now
-            print(f"{done} of {total} rows", file=sys.stderr, flush=True)
+            print(f"{done} of {total} rows in two rounds", file=sys.stderr, flush=True)
 
     with signals.deferred():
         yield progress
