@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from belahil.export_candidates import FoundCandidates
 from belahil.export_tables import NO_FLOAT, write_numbers, write_table
 from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse, largest_volts
 from belahil.storage import replacing, reserve
@@ -157,8 +158,9 @@ def write_data(
     """
     import h5netcdf
 
-    scalars, housekeeping, longest, ragged = _collected(shots)
-    held = sum(data.nbytes for data in [*scalars.values(), *housekeeping.values()])
+    found = FoundCandidates()
+    scalars, housekeeping, longest, ragged = _collected(shots, found)
+    held = found.nbytes + sum(data.nbytes for data in [*scalars.values(), *housekeeping.values()])
     held += sum(column[0].nbytes for table in tables.values() for column in table.columns.values())
     with replacing(path) as temporary:
         # A full disk must be found now: HDF5 crashes when it cannot write what it still holds at its end.
@@ -168,6 +170,7 @@ def write_data(
             file.dimensions = {"shot": len(shots), "sample": max(longest, 1)}
             _write_scalars(file, scalars, housekeeping)
             _write_counts(file, shots, max(longest, 1), ragged)
+            found.write(file, NO_COUNT)
             for name, table in tables.items():
                 write_table(file, name, table)
             write_numbers(file, numbers or {})
@@ -193,13 +196,19 @@ def _write_scalars(
         made.attrs["units"] = UNIT_OF_SUFFIX.get(name.rpartition("_")[2], "1")
 
 
-def _collected(shots: ManyShots) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.float64]], int, bool]:
-    """Read all but the counts: per-shot values, housekeeping, longest window, whether lengths differ."""
+def _collected(
+    shots: ManyShots, found: FoundCandidates
+) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.float64]], int, bool]:
+    """Read all but the counts: per-shot values, housekeeping, longest window, whether lengths differ.
+
+    Candidates go to `found`.
+    """
     columns: dict[str, list[Any]] = {variable.name: [] for variable in _VARIABLES}
     housekeeping: dict[str, NDArray[np.float64]] = {}
     for row, shot in enumerate(shots):
         for variable in _VARIABLES:
             columns[variable.name].append(variable.of(shot))
+        found.add(shot.window.candidates)
         for name, value in shot.window.housekeeping.items():
             housekeeping.setdefault(name, np.full(len(shots), NO_FLOAT))[row] = value
     lengths = set(columns["sample_count"])

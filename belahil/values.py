@@ -64,7 +64,8 @@ class WindowRequest:
     source : {"return", "transmit"}
         The return channel, or the laser's own pulse.
     products : {"window", "candidates", "correlation_windows"}
-        What to report.
+        What to report: all samples; what the range finder found, without samples; the same with the samples
+        round each.
     """
 
     shot: int
@@ -90,12 +91,15 @@ class Candidate:
         Height at the converter, V.
     correlation_window : tuple of int
         Counts round the arrival; empty when not reported.
+    first_sample : int
+        Sample of the range window with which the correlation window begins.
     """
 
     arrival_s: float
     fwhm_s: float
     amplitude_v: float
     correlation_window: tuple[int, ...] = ()
+    first_sample: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +111,7 @@ class RangeWindow:
     Parameters
     ----------
     counts : ndarray of int16, shape (n,)
-        Converter codes.
+        Converter codes; none where only candidates were asked for.
     volts_per_count : float
         Size of one code at the converter, V.
     zero_count : float
@@ -121,7 +125,7 @@ class RangeWindow:
     shot : int
         Index that the request carried.
     saturated : int
-        Number of clipped samples.
+        Number of clipped samples, of all that were digitized.
     candidates : tuple of Candidate
         At most as many as the receiver keeps.
     housekeeping : mapping of str to float

@@ -53,6 +53,17 @@ def _of_the_request(window: RangeWindow, request: WindowRequest) -> Iterator[str
     due = request.sample_count if request.products == "window" else 0
     if window.counts.size != due:
         yield f"asked for {due} samples, {window.counts.size} came"
+    if window.saturated > request.sample_count:
+        yield f"{window.saturated} of {request.sample_count} samples saturated"
+    for number, found in enumerate(window.candidates, 1):
+        size, end = len(found.correlation_window), found.first_sample + len(found.correlation_window)
+        if end > request.sample_count:
+            yield (
+                f"candidate {number} with the samples from {found.first_sample} to before {end}; "
+                f"allowed: within the {request.sample_count} that were asked for"
+            )
+        if request.products != "window" and (size > 0) != (request.products == "correlation_windows"):
+            yield f"asked for products {request.products}, candidate {number} has {size} counts"
 
 
 def _of_the_spec(window: RangeWindow, spec: DigitizerSpec) -> Iterator[str]:

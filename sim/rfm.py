@@ -167,7 +167,9 @@ class RangeFinder:
         """
         size = min(self.correlation_window_samples, window.counts.size) if with_samples else 0
         return tuple(
-            Candidate(arrival_s, fwhm_s, amplitude_v, tuple(window.counts[first : first + size].tolist()))
+            Candidate(
+                arrival_s, fwhm_s, amplitude_v, tuple(window.counts[first : first + size].tolist()), first
+            )
             for arrival_s, fwhm_s, amplitude_v, first in (
                 (*row[:3], int(row[3])) for row in self.search(window.volts).tolist()
             )

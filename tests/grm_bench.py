@@ -57,8 +57,10 @@ def window_for(request: WindowRequest) -> RangeWindow:
     counts = a_window(request.shot, request.sample_count).counts
     if request.gain_code is not None:
         counts = (counts // 64 + 64 * request.gain_code).astype(np.int16)
+    (found,) = a_window(request.shot, 1).candidates
     return replace(
         a_window(request.shot, 1),
+        candidates=(replace(found, correlation_window=()) if request.products == "candidates" else found,),
         counts=counts if request.products == "window" else counts[:0],
         start_s=round(request.delay_s * SPEC.sample_rate_hz) / SPEC.sample_rate_hz,
         gain_code=request.gain_code,

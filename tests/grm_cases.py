@@ -23,6 +23,7 @@ candidates = st.builds(
     fwhm_s=numbers,
     amplitude_v=numbers,
     correlation_window=st.lists(counts16, max_size=60).map(tuple),
+    first_sample=u32,
 )
 
 
@@ -82,7 +83,7 @@ def a_window(shot: int = 7, samples: int = 900, seed: int = 1) -> RangeWindow:
         gain_code=4,
         shot=shot,
         saturated=3,
-        candidates=(Candidate(3e-6, 21e-9, 0.11, (1, -2, 300)),),
+        candidates=(Candidate(3e-6, 21e-9, 0.11, (1, -2, 300), 1),),
         housekeeping={"temperature_k": 293.15, "supply_v": 27.9},
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5netcdf
@@ -14,7 +15,7 @@ from belahil.export import write_data
 from belahil.outcome import STATUSES, Table
 from belahil.run import Run
 from belahil.stimuli import NoSignal, SampledPulse, TransmittedPulse
-from belahil.values import RangeWindow, Shot, WindowRequest
+from belahil.values import Candidate, RangeWindow, Shot, WindowRequest
 
 COUNT = 130  # more than two batches
 
@@ -141,6 +142,71 @@ def test_a_receiver_without_gain_codes_and_other_stimuli(tmp_path: Path) -> None
         assert np.all(np.isnan(data["gain_code"]))
         assert data["stimulus"].values.tolist() == [2, 3, 0]
         assert data["largest_v"].values.tolist() == [0.2, 0.0, 0.0]
+
+
+def with_candidates(number: int, *candidates: Candidate) -> Shot:
+    shot = made(number, 0)
+    return replace(shot, window=replace(shot.window, candidates=candidates))
+
+
+def test_candidates_are_there_as_they_were_reported(tmp_path: Path) -> None:
+    # given shots with two candidates, none, and one with a correlation window
+    shots = (
+        with_candidates(0, Candidate(1e-6, 2e-8, 0.1, (), 7), Candidate(2e-6, 3e-8, 0.05, (), 15)),
+        with_candidates(1),
+        with_candidates(2, Candidate(3e-6, 4e-8, 0.2, (5, -6, 7), 23)),
+    )
+    with with_windows(tmp_path / "run", *shots) as run:
+        # then the journal gives them back
+        assert [run.shot(requested(n), _never).window.candidates for n in range(3)] == [
+            shot.window.candidates for shot in shots
+        ]
+        run.finish(outcome(figures={}))
+    # and so does the file
+    with xarray.open_dataset(tmp_path / "run" / "data.nc", mask_and_scale=False) as data:
+        assert data["candidate_count"].values.tolist() == [2, 0, 1]
+        for name, field in (
+            ("candidate_arrival_s", "arrival_s"),
+            ("candidate_fwhm_s", "fwhm_s"),
+            ("candidate_amplitude_v", "amplitude_v"),
+            ("candidate_first_sample", "first_sample"),
+        ):
+            assert data[name].dims == ("shot", "candidate")
+            for row, shot in enumerate(shots):
+                told = [getattr(one, field) for one in shot.window.candidates]
+                assert data[name].values[row, : len(told)].tolist() == told
+                assert np.all(data[name].values[row, len(told) :] == data[name].attrs["_FillValue"])
+            assert data[name].attrs["long_name"]
+        counts = data["candidate_counts"]
+        assert counts.dims == ("shot", "candidate", "candidate_sample")
+        assert counts.values[2, 0].tolist() == [5, -6, 7]
+        assert np.all(counts.values[0] == counts.attrs["_FillValue"])
+
+
+def test_candidates_without_correlation_windows_have_no_counts(tmp_path: Path) -> None:
+    with with_windows(tmp_path / "run", with_candidates(0, Candidate(1e-6, 2e-8, 0.1))) as run:
+        run.finish(outcome(figures={}))
+    with xarray.open_dataset(tmp_path / "run" / "data.nc") as data:
+        assert "candidate_counts" not in data
+        assert data["candidate_first_sample"].values.tolist() == [[0]]
+        assert np.issubdtype(data["candidate_first_sample"].dtype, np.integer)
+
+
+def test_the_page_lists_the_variables_of_candidates(tmp_path: Path) -> None:
+    with with_windows(tmp_path / "run", with_candidates(0, Candidate(1e-6, 2e-8, 0.1, (1,)))) as run:
+        run.finish(outcome(figures={}))
+    page = (Path(__file__).resolve().parent.parent / "docs/data-file.md").read_text(encoding="utf-8")
+    with xarray.open_dataset(tmp_path / "run" / "data.nc") as data:
+        named = [name for name in data.variables if str(name).startswith("candidate")]
+        assert len(named) == 6
+        for name in named:
+            one = data[name]
+            row = f"| `{name}` | {', '.join(map(str, one.dims))} | {one.units} | {one.long_name} |"
+            assert row in page
+
+
+def _never() -> Shot:
+    raise AssertionError("the shot is in the journal")
 
 
 def test_tables_share_a_dimension_of_one_size(tmp_path: Path) -> None:

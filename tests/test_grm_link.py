@@ -510,12 +510,20 @@ def test_a_window_with_unusable_numbers_is_refused(change: dict, said: str) -> N
     [
         (lambda payload: payload[:20], "window: its head would end at octet 48, but there are 20 octets"),
         (lambda payload: payload[:60], "window of shot 7: its 9 counts would end at octet 66, .* 60 octets"),
-        (lambda payload: payload[:70], "window of shot 7: candidate 1 would end at octet 92"),
-        (lambda payload: payload[:94], "window of shot 7: the 3 counts of candidate 1 would end at octet 98"),
-        (lambda payload: payload[:98], "7, behind 9 counts and 1 candidates: the number of named values"),
+        (lambda payload: payload[:70], "window of shot 7: candidate 1 would end at octet 96"),
+        (
+            lambda payload: payload[:98],
+            "window of shot 7: the 3 counts of candidate 1 would end at octet 102",
+        ),
+        (lambda payload: payload[:102], "7, behind 9 counts and 1 candidates: the number of named values"),
         (lambda payload: payload[:5] + b"\5" + payload[6:], "shot 7: 5 candidates; allowed: at most 4"),
+        (lambda payload: payload[:6] + b"\0" + payload[7:], "shot 7: candidates of form 0; allowed: 1"),
+        (
+            lambda payload: payload[:74] + b"\x7f\xf8" + payload[76:],
+            "shot 7: candidate 1 has a number nan; allowed: finite ones",
+        ),
         # the field of the number of samples is one too small, or one too large
-        (lambda payload: payload[:11] + b"\x08" + payload[12:], "window of shot 7.* would end at octet"),
+        (lambda payload: payload[:11] + b"\x08" + payload[12:], "window of shot 7.* ends at octet 97, but"),
         (lambda payload: payload[:11] + b"\x0a" + payload[12:], "window of shot 7.* would end at octet"),
     ],
 )

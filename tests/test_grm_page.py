@@ -75,7 +75,7 @@ WINDOW = RangeWindow(
     gain_code=4,
     shot=7,
     saturated=2,
-    candidates=(Candidate(25e-9, 21e-9, 0.11, (-3, 200)),),
+    candidates=(Candidate(25e-9, 21e-9, 0.11, (0, 1), 2),),
     housekeeping={"temperature_k": 293.15},
 )
 

@@ -13,8 +13,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from belahil.errors import CorruptData
+from belahil.grm_link.window import pack_window, unpack_window
 from belahil.receiver import DigitizerSpec
-from belahil.values import Candidate, RangeWindow, WindowRequest
+from belahil.values import Candidate, Products, RangeWindow, WindowRequest
 from drivers.grm_rules import check_window
 
 REQUEST = WindowRequest(shot=5, gain_code=4, sample_count=4)
@@ -69,6 +70,49 @@ def test_counts_of_a_candidate_keep_to_the_same_span() -> None:
 
     assert accepted(replace(window, candidates=(Candidate(0, 1e-8, 0.1, (4000, 0)),)))
     assert not accepted(replace(window, candidates=(Candidate(0, 1e-8, 0.1, (4000, -1)),)))
+
+
+@pytest.mark.parametrize(
+    ("products", "found", "said"),
+    [
+        ("candidates", Candidate(1e-8, 1e-8, 0.1), None),
+        (
+            "candidates",
+            Candidate(1e-8, 1e-8, 0.1, (1,)),
+            "asked for products candidates, candidate 1 has 1 co",
+        ),
+        ("correlation_windows", Candidate(1e-8, 1e-8, 0.1, (1, 2), 2), None),
+        ("correlation_windows", Candidate(1e-8, 1e-8, 0.1), "correlation_windows, candidate 1 has 0 counts"),
+        (
+            "correlation_windows",
+            Candidate(1e-8, 1e-8, 0.1, (1, 2), 3),
+            "candidate 1 with the samples from 3 to before 5; allowed: within the 4 that were asked for",
+        ),
+        ("window", Candidate(1e-8, 1e-8, 0.1, (), 4), None),
+        ("window", Candidate(1e-8, 1e-8, 0.1, (), 5), "candidate 1 with the samples from 5 to before 5"),
+    ],
+)
+def test_a_candidate_brings_what_was_asked_for_from_inside_the_window(
+    products: Products, found: Candidate, said: str | None
+) -> None:
+    request = replace(REQUEST, products=products)
+    window = replace(window_for(request), candidates=(found,))
+    if said is None:
+        check_window(window, request, SPEC)
+        return
+    with pytest.raises(CorruptData, match=said):
+        check_window(window, request, SPEC)
+
+
+def test_clipped_samples_are_told_without_the_samples() -> None:
+    # Given candidates of a window of which every sample was clipped
+    request = replace(REQUEST, products="candidates")
+    window = unpack_window(pack_window(replace(window_for(request), saturated=4)))
+    # Then that is known, and five of four cannot be
+    check_window(window, request, SPEC)
+    assert (window.counts.size, window.saturated) == (0, 4)
+    with pytest.raises(CorruptData, match="5 of 4 samples saturated"):
+        check_window(replace(window, saturated=5), request, SPEC)
 
 
 @pytest.mark.parametrize("bits", [1, 12, 16])

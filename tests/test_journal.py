@@ -54,7 +54,14 @@ windows = st.builds(
     naturals,
     st.integers(0, 60),
     st.lists(
-        st.builds(Candidate, finite, finite, finite, st.lists(st.integers(-(2**15), 2**15)).map(tuple)),
+        st.builds(
+            Candidate,
+            finite,
+            finite,
+            finite,
+            st.lists(st.integers(-(2**15), 2**15)).map(tuple),
+            st.integers(0, 2**32 - 1),
+        ),
         max_size=4,
     ).map(tuple),
     st.dictionaries(st.text(max_size=8), floats, max_size=3),

@@ -26,8 +26,9 @@ MAX_SEGMENT_BYTES = MAX_PACKET_BYTES - TELEMETRY_OVERHEAD_BYTES - SEGMENT_OVERHE
 
 # Counts travel in offset binary: small ones would be full of zero bytes, which cost COBS half its speed.
 _OFFSET = np.uint16(0x8000)
-_HEAD = struct.Struct(">IBBxxIIdddd")
-_CANDIDATE = struct.Struct(">dddH")
+_HEAD = struct.Struct(">IBBBxIIdddd")
+_CANDIDATE = struct.Struct(">dddIH")
+_CANDIDATE_FORM = 1
 _SCALES = ("volts per count", "zero count", "sample interval", "start")
 
 
@@ -51,6 +52,7 @@ def pack_window(window: RangeWindow) -> bytes:
             window.shot,
             NO_GAIN_CODE if window.gain_code is None else window.gain_code,
             len(window.candidates),
+            _CANDIDATE_FORM if window.candidates else 0,
             window.counts.size,
             window.saturated,
             window.volts_per_count,
@@ -67,7 +69,7 @@ def pack_window(window: RangeWindow) -> bytes:
 
 def _candidate(found: Candidate) -> bytes:
     counts = found.correlation_window
-    head = _CANDIDATE.pack(found.arrival_s, found.fwhm_s, found.amplitude_v, len(counts))
+    head = _CANDIDATE.pack(found.arrival_s, found.fwhm_s, found.amplitude_v, found.first_sample, len(counts))
     return head + struct.pack(f">{len(counts)}h", *counts)
 
 
@@ -85,7 +87,7 @@ def unpack_window(payload: bytes) -> RangeWindow:
         The payload does not follow the layout, or a scale is not a usable number.
     """
     octets = Octets(payload, "window")
-    shot, code, found, count, saturated, *scales = octets.take(_HEAD, "its head")
+    shot, code, found, form, count, saturated, *scales = octets.take(_HEAD, "its head")
     octets.name = f"window of shot {shot}"
     volts_per_count, zero_count, sample_interval_s, start_s = scales
     for name, value, lowest in zip(_SCALES, scales, (0.0, -math.inf, 0.0, -math.inf), strict=True):
@@ -93,7 +95,10 @@ def unpack_window(payload: bytes) -> RangeWindow:
             raise CorruptData(f"{octets.name}: {name} {value}; allowed: finite{', above 0' * (lowest == 0)}")
     if found > MAX_CANDIDATES:
         raise CorruptData(f"{octets.name}: {found} candidates; allowed: at most {MAX_CANDIDATES}")
-    if saturated > count:
+    if found and form != _CANDIDATE_FORM:
+        raise CorruptData(f"{octets.name}: candidates of form {form}; allowed: {_CANDIDATE_FORM}")
+    # Without its samples a window still tells how many were clipped.
+    if count and saturated > count:
         raise CorruptData(f"{octets.name}: {saturated} of {count} samples saturated")
     counts = _read_counts(octets.take_bytes(2 * count, f"its {count} counts"))
     candidates = tuple(_read_candidate(octets, number) for number in range(1, found + 1))
@@ -121,9 +126,12 @@ def _read_counts(octets: bytes) -> NDArray[np.int16]:
 
 
 def _read_candidate(octets: Octets, number: int) -> Candidate:
-    arrival_s, fwhm_s, amplitude_v, size = octets.take(_CANDIDATE, f"candidate {number}")
+    arrival_s, fwhm_s, amplitude_v, first_sample, size = octets.take(_CANDIDATE, f"candidate {number}")
+    for value in (arrival_s, fwhm_s, amplitude_v):
+        if not math.isfinite(value):
+            raise CorruptData(f"{octets.name}: candidate {number} has a number {value}; allowed: finite ones")
     counts = octets.take(struct.Struct(f">{size}h"), f"the {size} counts of candidate {number}")
-    return Candidate(arrival_s, fwhm_s, amplitude_v, counts)
+    return Candidate(arrival_s, fwhm_s, amplitude_v, counts, first_sample)
 
 
 def segments(
