@@ -158,6 +158,11 @@ class Bench:
                 f"a window of {type(stimulus).__name__} is started by trigger = {trigger}: "
                 f"the receiver has {', '.join(spec.triggers)}"
             )
+        if isinstance(stimulus, TransmittedPulse) != (request.source == "transmit"):
+            raise LimitExceeded(
+                f"a window of {type(stimulus).__name__} with source = {request.source}: "
+                "allowed: transmit for TransmittedPulse, return for all else"
+            )
         if request.products not in spec.products:
             raise LimitExceeded(f"products = {request.products}: the receiver has {', '.join(spec.products)}")
 

@@ -107,7 +107,10 @@ class EmulatedReceiver(Strict, frozen=True):
 
 
 class EmulatedTransmitter(Strict, frozen=True):
-    """``[emulation.transmitter]``: the laser's own pulse as it reaches the cut (all defaults assumed)."""
+    """``[emulation.transmitter]``: the laser's own pulse as it reaches the cut (all defaults assumed).
+
+    `delay_s` is from the receiver's shot pulse to the centre of the Gaussian, or to time 0 of the table.
+    """
 
     pulse: Literal["gaussian", "tailed", "table"] = "tailed"
     fwhm_s: Positive = 5.4e-9
@@ -117,7 +120,9 @@ class EmulatedTransmitter(Strict, frozen=True):
     cut: Literal["hard", "soft"] = "hard"
     cut_width: NotNegative = 0.0
     peak_v: Positive = 20e-3
-    energy_jitter: NotNegative = 0.014
+    energy_jitter: Annotated[float, Meta(ge=0, le=0.1)] = 0.014
+    delay_s: NotNegative = 500e-9  # so that a correlation window fits before and after the pulse
+    jitter_s: NotNegative = 0.0
 
 
 class EmulationTable(Strict, frozen=True):

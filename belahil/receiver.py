@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from belahil.errors import ConfigError
-from belahil.values import Products, Trigger
+from belahil.values import PRODUCTS, Products, Trigger
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,12 @@ _CODES = tuple(range(16))
 BELA_GRM = ReceiverSpec(
     name="bela-grm",
     digitizer=DigitizerSpec(
-        sample_rate_hz=80e6, bits=12, converters=2, max_sample_count=16064, gain_codes=_CODES
+        sample_rate_hz=80e6,
+        bits=12,
+        converters=2,
+        max_sample_count=16064,
+        gain_codes=_CODES,
+        products=PRODUCTS,
     ),
     order=3,
     cutoff_hz=19.0e6,
@@ -116,7 +121,12 @@ BELA_GRM = ReceiverSpec(
 GALA_LIKE = ReceiverSpec(
     name="gala-like",
     digitizer=DigitizerSpec(
-        sample_rate_hz=200e6, bits=12, converters=2, max_sample_count=32000, gain_codes=_CODES
+        sample_rate_hz=200e6,
+        bits=12,
+        converters=2,
+        max_sample_count=32000,
+        gain_codes=_CODES,
+        products=PRODUCTS,
     ),
     order=3,
     cutoff_hz=60e6,

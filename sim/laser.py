@@ -70,18 +70,18 @@ def pulse_shape(laser: Laser) -> PulseShape:
     return PulseShape((PulsePiece(1.0, laser.fwhm_s / FWHM_OF_SIGMA, tail_s),))
 
 
-def read_pulse_table(path: str) -> PulseShape:
+def read_pulse_table(path: str, table: str = "[laser]") -> PulseShape:
     """Read a pulse from a text file: time in s and relative power, a row each.
 
     Columns are parted by commas or spaces. Lines that begin with # are left out, and so is a first line of
-    column names.
+    column names. `table` is what messages call the table of keys that names the file.
 
     Raises
     ------
     ConfigError
         The file cannot be read, or is no pulse.
     """
-    where = f"[laser] table = {path}"
+    where = f"{table} table = {path}"
     text = strict_toml.read(path, "pulse table").replace(",", " ")
     first, _, rest = text.partition("\n")
     if first.strip() and first.strip()[0].isalpha():

@@ -4,16 +4,19 @@ The generator's side is `Plant.play` and `Plant.trigger`, the receiver's side `P
 and `Plant.abort`. The emulated devices and the simulated instruments make exactly these calls, so equal
 seeds give equal counts.
 
-What this does not model: a laser transmitter (windows of the transmitted pulse are refused); jitter of any
-trigger beside the sub-sample phase; bursts of sines, and pulses that repeat or were triggered before the
-window was armed: such a window sees 0 V; the rest of a burst at its first point where that is not zero, which
-no driver of ours sends; anything that changes while a window is being digitized; time that
-passes other than by shots, settling and expired time-outs. `sim.generator_path` and `sim.receiver_model` say
-what they leave out.
+The receiver's range finder is that of the chain of a scene, `sim.rfm`; it runs only for windows of which
+candidates were asked for.
+
+What this does not model: jitter of any trigger beside the sub-sample phase and the laser's; bursts of sines,
+and pulses that repeat or were triggered before the window was armed: such a window sees 0 V; the rest of a
+burst at its first point where that is not zero, which no driver of ours sends; anything that changes while a
+window is being digitized; time that passes other than by shots, settling and expired time-outs.
+`sim.generator_path`, `sim.transmitter`, `sim.receiver_model` and `sim.rfm` say what they leave out.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from belahil.config import BenchConfig, receiver_truth
@@ -25,13 +28,17 @@ from belahil.stimuli import NoSignal, SampledPulse, Sine
 from sim.draws import Draws
 from sim.generator_path import generator_path
 from sim.receiver_model import ReceiverModel
+from sim.transmitter import Transmitter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from belahil.receiver import DigitizerSpec
     from belahil.values import RangeWindow, Trigger, WindowRequest
+    from sim.rfm import RangeFinder
 
+FEWEST_SEARCHED = 4
+"""Samples that the range finder takes, at least."""
 SHOT_PERIOD_S = 0.1
 """The laser's pulse repetition frequency is 10 Hz."""
 
@@ -67,10 +74,11 @@ class Plant:
     """
 
     def __init__(self, config: BenchConfig) -> None:
-        preset = receiver_preset(config.digitizer.receiver)
+        self._preset = preset = receiver_preset(config.digitizer.receiver)
         self.clock = PlantClock()
         self.identity = f"belahil,{preset.name},EMULATED,0.00-emulated"
         self._path = generator_path(config)
+        self._transmitter = Transmitter(config.emulation.transmitter)
         self._receiver = ReceiverModel(receiver_truth(config), preset.digitizer)
         self._seed = config.emulation.seed
         self._trigger_delay_s = config.bench.trigger_delay_s
@@ -115,13 +123,20 @@ class Plant:
         Raises
         ------
         InstrumentRefused
-            The window of the transmitted pulse.
+            A window of the transmitted pulse that no shot pulse starts, or candidates of too few samples.
         """
         self.abort()
-        if request.source == "transmit":
+        if request.source == "transmit" and request.trigger != "digitizer":
             raise InstrumentRefused(
-                "source transmit; allowed: return, since this emulation has no laser transmitter",
+                f"source transmit with trigger {request.trigger}; allowed: trigger digitizer, "
+                "since the shot pulse fires the laser",
                 Reason.SOURCE,
+            )
+        if request.products != "window" and request.sample_count < FEWEST_SEARCHED:
+            raise InstrumentRefused(
+                f"{request.sample_count} samples with products {request.products}; "
+                f"allowed: {FEWEST_SEARCHED} to {self.spec.max_sample_count}",
+                Reason.SAMPLE_COUNT,
             )
         if request.trigger == "generator":
             self._armed = request
@@ -145,9 +160,21 @@ class Plant:
         """Digitize; `trigger_s` is from the generator's trigger to the receiver's."""
         self._armed = None
         draws = Draws(self._seed, request.shot)
-        self._window = self._receiver.window(self._seen_by(request.trigger), request, draws, trigger_s)
+        if request.source == "transmit":
+            window = self._receiver.window(self._transmitter.pulse(draws), request, draws)
+        else:
+            window = self._receiver.window(self._seen_by(request.trigger), request, draws, trigger_s)
+        if request.products != "window":
+            window = self._range_finder.report(window, request.products)
+        self._window = window
         self._window_count += 1
         self.clock.sleep_s(SHOT_PERIOD_S)
+
+    @cached_property
+    def _range_finder(self) -> RangeFinder:
+        from sim.rfm import RangeFinder
+
+        return RangeFinder.of(self._preset)
 
     def _seen_by(self, trigger: Trigger) -> NoSignal | Sine | SampledPulse:
         """What is at the cut during a window that was started in this way."""

@@ -157,12 +157,30 @@ def test_a_window_is_handed_over_once_and_can_be_forgotten() -> None:
         assert plant.collect() is None
 
 
-def test_a_window_of_the_transmitted_pulse_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("change", "said", "reason"),
+    [
+        ({"source": "transmit"}, "source transmit with trigger immediate; allowed: trigger digitizer", 7),
+        (
+            {"source": "transmit", "trigger": "generator"},
+            "source transmit with trigger generator; allowed: trigger digitizer",
+            7,
+        ),
+        (
+            {"products": "candidates", "sample_count": 3},
+            "3 samples with products candidates; allowed: 4 to 16064",
+            4,
+        ),
+    ],
+)
+def test_what_only_the_plant_refuses_costs_the_older_window(
+    change: dict[str, Any], said: str, reason: int
+) -> None:
     plant = _plant()
     plant.arm(WindowRequest(0, 4))
-    with pytest.raises(InstrumentRefused, match="source transmit; allowed: return") as caught:
-        plant.arm(WindowRequest(1, 4, trigger="digitizer", source="transmit"))
-    assert caught.value.reason == 7
+    with pytest.raises(InstrumentRefused, match=said) as caught:
+        plant.arm(replace(WindowRequest(1, 4), **change))
+    assert caught.value.reason == reason
     # and an older window is gone
     assert plant.collect() is None
 

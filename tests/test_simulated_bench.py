@@ -149,13 +149,9 @@ def test_a_seed_is_another_bench_and_a_shot_is_not_its_history() -> None:
         (NoSignal(), WindowRequest(0, None), InstrumentRefused, "gain code None"),
         (NoSignal(), WindowRequest(0, 4, delay_s=-1e-9), InstrumentRefused, "delay of -1e-09 s"),
         (NoSignal(), WindowRequest(0, 4, delay_s=math.inf), InstrumentRefused, "delay of inf s"),
-        (NoSignal(), WindowRequest(0, 4, products="candidates"), LimitExceeded, "the receiver has window"),
-        (
-            TransmittedPulse(),
-            WindowRequest(0, 4, source="transmit"),
-            InstrumentRefused,
-            "no laser transmitter",
-        ),
+        (NoSignal(), WindowRequest(0, 4, 3, products="candidates"), InstrumentRefused, "3 samples with"),
+        (NoSignal(), WindowRequest(0, 4, source="transmit"), LimitExceeded, "NoSignal with source"),
+        (TransmittedPulse(), WindowRequest(0, 4), LimitExceeded, "TransmittedPulse with source = return"),
         (SampledPulse(np.ones(9) * 0.1, 150e6, 7e-9), WindowRequest(0, 4), InstrumentRefused, ""),
     ],
 )
@@ -172,7 +168,7 @@ def test_benches_refuse_alike_and_work_afterwards(
         # then one line says so, with the same number, and the bench still measures
         assert said in str(caught.value)
         assert "\n" not in str(caught.value)
-        reasons = {"gain": 3, "delay": 5, "no laser": 7, "": -222}
+        reasons = {"gain": 3, "delay": 5, "3 samples": 4, "": -222}
         if isinstance(caught.value, InstrumentRefused):
             assert caught.value.reason == next(
                 number for start, number in reasons.items() if said.startswith(start)

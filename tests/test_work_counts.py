@@ -23,12 +23,16 @@ from belahil.config import BenchConfig, load_bench
 from belahil.grm_link import MAX_PACKET_BYTES
 from belahil.journal import Journal
 from belahil.run import Run
+from belahil.stimuli import NoSignal
+from belahil.values import WindowRequest
 from drivers.serial_link import SerialLink
 from drivers.usb_link import UsbLink
 from drivers.visa_link import VisaLink
 from procedures import characterize
 from procedures.characterize import GainOptions, GainPlan
 from sim.plant import Plant
+from sim.rfm import RangeFinder
+from sim.transmitter import Transmitter
 
 ROOT = Path(__file__).resolve().parent.parent
 AMPLITUDES_VPP, FREQUENCIES_HZ = (13e-3, 30e-3), (1e6, 5e6, 12e6)
@@ -156,6 +160,38 @@ def test_each_window_is_captured_and_sent_once(campaign: Campaigner, counted: Co
     assert captured == Counter(range(len(made.plan.shots)))
 
 
+def test_windows_are_searched_only_where_candidates_are_asked_for(counted: Counting) -> None:
+    searched = counted(RangeFinder, "search")
+    made = counted(Transmitter, "pulse")
+    with open_bench("emulated") as bench:
+        for shot, products in enumerate(("window", "candidates", "window", "correlation_windows")):
+            bench.measure(NoSignal(), WindowRequest(shot, 4, 500, products=products))
+    assert searched["calls"] == 2
+    assert made["calls"] == 0
+
+
+def test_candidates_cost_the_link_no_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    octets: Counter[str] = Counter()
+    read = UsbLink.read
+
+    def taken(self: Any, count: int, timeout_s: float) -> bytes:
+        data: bytes = read(self, count, timeout_s)
+        octets[asked] += len(data)
+        return data
+
+    monkeypatch.setattr(UsbLink, "read", taken)
+    asked = "opening"
+    with open_bench(usb(load_bench("emulated"))) as bench:
+        for shot, products in enumerate(("candidates", "correlation_windows", "window")):
+            asked = products
+            window = bench.measure(NoSignal(), WindowRequest(shot, 4, products=products)).window
+            assert len(window.candidates) == (0 if products == "window" else 4)
+    # An acknowledge of 26 octets, a segment of 38 with a head of 48, 30 a candidate, a table of one octet
+    assert octets["candidates"] == 26 + 38 + 48 + 4 * 30 + 1
+    assert octets["correlation_windows"] == octets["candidates"] + 4 * 2 * 42
+    assert octets["window"] > 2 * 16064
+
+
 def test_a_stimulus_is_checked_once_for_the_plan_and_once_when_it_is_set(
     campaign: Campaigner, counted: Counting
 ) -> None:
@@ -241,6 +277,8 @@ def test_the_emulated_bench_opens_and_measures_without_scipy_signal() -> None:
     loaded = set(done.stdout.split())
     assert "scipy.linalg" in loaded
     assert not loaded & {"scipy.signal", "scipy.stats", "scipy.optimize", "matplotlib"}
+    # nor what searches for candidates and makes a laser's pulse
+    assert not loaded & {"sim.rfm", "sim.template_bank", "sim.compiled_rfm", "numba", "sim.laser"}
 
 
 @pytest.mark.slow

@@ -69,6 +69,8 @@ cut = "hard"                 # hard | soft
 cut_width = 0.0              # part of the peak
 peak_v = 20e-3               # before the receiver's filter
 energy_jitter = 0.014
+delay_s = 500e-9             # from the receiver's shot pulse to the light at the cut
+jitter_s = 0.0               # of that, from shot to shot
 """
 
 _LIMITS = """
