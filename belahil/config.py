@@ -113,10 +113,10 @@ class EmulatedTransmitter(Strict, frozen=True):
     """
 
     pulse: Literal["gaussian", "tailed", "table"] = "tailed"
-    fwhm_s: Positive = 5.4e-9
-    tail_s: Positive = 3.0e-9
+    fwhm_s: Annotated[float, Meta(ge=1e-12, le=1e-3)] = 5.4e-9
+    tail_s: Annotated[float, Meta(gt=0, le=1e-3)] = 3.0e-9
     table: str = ""
-    threshold: Annotated[float, Meta(ge=0, lt=1)] = 0.17
+    threshold: Annotated[float, Meta(ge=0, le=0.99)] = 0.17
     cut: Literal["hard", "soft"] = "hard"
     cut_width: NotNegative = 0.0
     peak_v: Positive = 20e-3

@@ -21,6 +21,8 @@ cobs_encode, cobs_decode, crc16, crc32 = (
 class PageReceiver:
     """80 MHz, 12 bits, two converters, gain codes 0 to 15, windows of up to 16064 samples.
 
+    It also reports the largest count of a window as a candidate, with five counts round it.
+
     `digitize(shot, code, count)` returns the counts; triggers come at once.
     """
 
@@ -73,7 +75,7 @@ class PageReceiver:
         elif subtype == 1:
             self.send(200, 129, number + b"Receiver from the page")
         elif subtype == 2:
-            spec = struct.pack(">dIBBBBB", 80e6, 16064, 12, 2, 0b001, 0b001, 16)
+            spec = struct.pack(">dIBBBBB", 80e6, 16064, 12, 2, 0b001, 0b101, 16)
             self.send(200, 130, number + spec + bytes(range(16)))
         elif subtype == 3:
             self.arm(number, data)
@@ -91,22 +93,30 @@ class PageReceiver:
             (not 1 <= count <= 16064, 4, "1 to 16064 samples"),
             (trigger != 0, 6, "immediate only"),
             (source != 0, 7, "return only"),
-            (products != 0, 8, "windows only"),
+            (products not in (0, 2), 8, "windows and correlation windows"),
+            (products == 2 and count < 5, 4, "at least 5 samples to look for a pulse"),
         ):
             if wrong:
                 self.refuse(number, reason, text)
                 return
-        self.armed = number, shot, code, count
+        self.armed = number, shot, code, count, products
         self.send(1, 1, number)
 
     def send_window(self) -> None:
-        number, shot, code, count = self.armed
+        number, shot, code, count, products = self.armed
         self.armed = None
-        counts = self.digitize(shot, code, count)
+        counts, found = [int(value) for value in self.digitize(shot, code, count)], b""
+        if products:
+            largest = counts.index(max(counts))
+            first = min(max(largest - 2, 0), count - 5)
+            found = struct.pack(">dddIH", largest * 12.5e-9, 25e-9, counts[largest] * 2 / 4096, first, 5)
+            found += struct.pack(">5h", *counts[first : first + 5])
+            counts = []
         payload = (
-            struct.pack(">IBBHII", shot, code, 0, 0, count, 0)
+            struct.pack(">IBBBBII", shot, code, bool(found), bool(found), 0, len(counts), 0)
             + struct.pack(">dddd", 2 / 4096, 0.0, 12.5e-9, 0.0)
-            + struct.pack(f">{count}H", *(int(value) + 32768 for value in counts))
+            + struct.pack(f">{len(counts)}H", *(value + 32768 for value in counts))
+            + found
             + self.table()
         )
         parts = [payload[at : at + self.part_octets] for at in range(0, len(payload), self.part_octets)]

@@ -237,7 +237,9 @@ def test_a_receiver_written_from_the_page_is_measured(usb: bool) -> None:
     digitizer = GrmDigitizer(receiver, FakeClock(), "raw" if usb else "cobs")
 
     assert digitizer.identity == "Receiver from the page"
-    assert digitizer.spec == DigitizerSpec(80e6, 12, 2, 16064, tuple(range(16)), ("immediate",), ("window",))
+    assert digitizer.spec == DigitizerSpec(
+        80e6, 12, 2, 16064, tuple(range(16)), ("immediate",), ("window", "correlation_windows")
+    )
     assert digitizer.housekeeping() == {"supply_v": 28.0}
     for shot in range(20):
         request = WindowRequest(shot, gain_code=shot % 16, sample_count=400 + shot)
@@ -245,6 +247,17 @@ def test_a_receiver_written_from_the_page_is_measured(usb: bool) -> None:
         window = digitizer.read(1.0)
         assert np.array_equal(window.counts, counts_of(shot, shot % 16, 400 + shot))
         assert (window.shot, window.gain_code, window.volts_per_count) == (shot, shot % 16, 2 / 4096)
+        # and its candidate, without the samples
+        digitizer.arm(replace(request, products="correlation_windows"))
+        found = digitizer.read(1.0)
+        largest = int(window.counts.argmax())
+        (candidate,) = found.candidates
+        assert found.counts.size == 0
+        assert candidate.arrival_s == largest * 12.5e-9
+        assert candidate.amplitude_v == window.volts[largest]
+        stretch = window.counts[candidate.first_sample : candidate.first_sample + 5]
+        assert candidate.correlation_window == tuple(stretch.tolist())
+        assert candidate.first_sample <= largest < candidate.first_sample + 5
     assert digitizer.dropped.stale == digitizer.dropped.damaged == 0
     for change, reason in [
         ({"gain_code": 16}, Reason.GAIN_CODE),

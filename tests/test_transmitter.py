@@ -9,17 +9,20 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+import xarray
+from small_run import begin, outcome
 
 from belahil import butterworth
 from belahil.bench import open_bench
 from belahil.config import BenchConfig, EmulatedTransmitter, parse_bench
 from belahil.errors import ConfigError, InstrumentRefused
 from belahil.stimuli import SampledPulse, Sine, TransmittedPulse
-from belahil.values import RangeWindow, Shot, WindowRequest
+from belahil.values import PRODUCTS, RangeWindow, Shot, WindowRequest
 from sim.build import bench as simulated_bench
 from sim.draws import Draws
 from sim.kernel import Kernel
 from sim.pulse_shape import FWHM_OF_SIGMA, PulsePiece, PulseShape
+from sim.pulse_threshold import cut_pulse
 from sim.transmitter import Transmitter
 
 LINKS = ("simulated", "emulated:serial", "emulated:usb")
@@ -104,6 +107,27 @@ def test_a_window_that_no_shot_pulse_starts_is_refused() -> None:
     assert caught.value.reason == 7
 
 
+def test_a_run_keeps_the_pulse_and_its_candidates(tmp_path: Path) -> None:
+    # Given shots of an emulated bench in a run
+    requests = [asked(shot, 300, products=PRODUCTS[shot % 3]) for shot in range(6)]
+    with begin(tmp_path / "run") as run, open_bench(bench_file("emulated:usb")) as bench:
+        shots = [
+            run.shot(one, lambda one=one: bench.measure(TransmittedPulse(), one))  # type: ignore[misc]
+            for one in requests
+        ]
+        run.finish(outcome(figures={}))
+    # Then the data file has each, and what the range finder made of it
+    with xarray.open_dataset(tmp_path / "run" / "data.nc") as data:
+        meanings = data["stimulus"].attrs["flag_meanings"].split()
+        assert {meanings[kind] for kind in data["stimulus"].values} == {"transmitted_pulse"}
+        assert data["sample_count"].values.tolist() == [300, 0, 0] * 2
+        assert data["candidate_count"].values.tolist() == [len(shot.window.candidates) for shot in shots]
+        for row, shot in enumerate(shots):
+            for place, one in enumerate(shot.window.candidates):
+                assert data["candidate_arrival_s"].values[row, place] == one.arrival_s
+    assert len(shots[1].window.candidates) == 4
+
+
 # ---- its shape at the cut
 
 
@@ -142,6 +166,17 @@ def test_a_hard_cut_leaves_nothing_below_the_threshold(threshold: float) -> None
     # one at each end, times the largest impulse response
     allowed_v = window.volts_per_count / 2 + 20e-3 * (2 * step_s / 2 * np.abs(impulse).max() + 4e-5)
     assert np.abs(window.volts - 20e-3 * (impulse @ cut) * step_s).max() <= allowed_v
+
+
+@pytest.mark.parametrize("threshold", [0.17, 0.22])
+def test_the_threshold_of_the_fits_is_the_emulated_one(threshold: float) -> None:
+    # Given the model that a fit of the threshold uses, behind the closed form of the filter
+    shape = cut_pulse(PulseShape((PulsePiece(1.0, SIGMA_S, TAIL_S),)), threshold)
+    closed = Kernel(shape, butterworth.poles(19e6, 3), gain=20e-3 / shape.relative.max())
+    for window in windows(bench_file(receiver=FINE | QUIET, threshold=threshold, **STEADY), 3):
+        expected_v = closed.exact(true_times_s(window.shot, 120) - DELAY_S)
+        allowed_v = window.volts_per_count / 2 + 4e-5 * 20e-3
+        assert np.abs(window.volts - expected_v).max() <= allowed_v
 
 
 def test_cuts_at_the_cut() -> None:
@@ -257,7 +292,7 @@ def test_noise_under_the_pulse_is_the_receivers() -> None:
         ({"cut_width": 0.1}, 'cut_width = 0.1: must be 0 with cut = "hard"'),
         ({"cut": "soft"}, 'cut_width = 0 with cut = "soft" and threshold = 0.17: must be above 0, to 1.66'),
         ({"cut": "soft", "cut_width": 1.7}, "must be above 0, to 1.66"),
-        ({"tail_s": 1e-6}, "tail_s = 1e-06: must be at most 100 times fwhm_s"),
+        ({"tail_s": 1e-6}, "[emulation.transmitter] tail_s = 1e-06: must be at most 100 times fwhm_s"),
         ({"pulse": "table", "table": "no-such-file"}, "no-such-file"),
     ],
 )
