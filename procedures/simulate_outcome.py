@@ -129,11 +129,6 @@ def _tables(simulation: Simulation) -> dict[str, Table]:
             ("amplitude_v", "V", "its height at the converter"),
         )
     }
-    found = [
-        (shot.window.shot, rank, one)
-        for shot in simulation.shots
-        for rank, one in enumerate(shot.window.candidates)
-    ]
     fits["status"] = (np.array([row["status"] for row in rows]), "1", "ok, or what is missing")
     tables = {
         "curve": Table(
@@ -143,24 +138,6 @@ def _tables(simulation: Simulation) -> dict[str, Table]:
         ),
         "samples": Table(samples, "sample_time"),
         "fit": Table(fits, "shot"),
-        "candidate": Table(
-            {
-                "of_shot": (
-                    np.array([shot for shot, _, _ in found], dtype=np.int64),
-                    "1",
-                    "index of the shot",
-                ),
-                "rank": (np.array([rank for _, rank, _ in found], dtype=np.int64), "1", "0 is the best"),
-                "arrival_s": (
-                    np.array([one.arrival_s for _, _, one in found]),
-                    "s",
-                    "after the first sample",
-                ),
-                "fwhm_s": (np.array([one.fwhm_s for _, _, one in found]), "s", "full width"),
-                "amplitude_v": (np.array([one.amplitude_v for _, _, one in found]), "V", "at the converter"),
-            },
-            "candidate",
-        ),
         "ground": Table(
             {
                 "x": (x_m.ravel(), "m", "from nadir"),

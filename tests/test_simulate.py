@@ -75,7 +75,7 @@ def test_the_data_file_holds_windows_and_curves(folder: Path) -> None:
     with xarray.open_dataset(folder / "data.nc") as data:
         assert data["counts"].shape == (4, 16064)
         assert {"curve_received_rate", "samples_night", "fit_arrival_s", "ground_height"} <= set(data)
-        assert data["candidate_of_shot"].size == 16
+        assert data["candidate_arrival_s"].shape == (4, 4)
         rate, time = data["curve_received_rate"].values, data["time"].values
         assert "SIMULATED" in data.attrs["source"]
     window = Chain(load_scene("night")).window(2)
