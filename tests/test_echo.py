@@ -244,7 +244,7 @@ def test_without_numba_the_reference_serves(monkeypatch: pytest.MonkeyPatch) -> 
 # ---- what the posts of a terrain model leave out
 
 
-def test_the_error_of_the_posts_is_estimated_within_a_factor_of_two() -> None:
+def test_the_error_of_the_posts_is_estimated_within_a_factor_of_three() -> None:
     # Given fractal-like ground, known every 0.375 m, and models of it with posts 1.5 m apart
     size, spacing_m = 512, 0.375
     frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size)))
@@ -270,7 +270,7 @@ def test_the_error_of_the_posts_is_estimated_within_a_factor_of_two() -> None:
         errors.append(np.abs(got - true).max() / true.max())
 
     # Then their sizes agree; one by one they need not.
-    assert 0.5 < np.sqrt(np.mean(np.square(estimates)) / np.mean(np.square(errors))) < 2
+    assert 1 < np.sqrt(np.mean(np.square(estimates)) / np.mean(np.square(errors))) < 3
     assert min(errors) > 1e-5
 
 
