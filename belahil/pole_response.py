@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+_MOST_TAPS, _FORGOTTEN = 96, 1e-7
+
 
 def frequency_response(
     poles: Sequence[complex], frequency_hz: ArrayLike, zeros: int = 0
@@ -184,6 +186,12 @@ class SampledNoise:
     sample_interval_s : float
         s.
 
+    Attributes
+    ----------
+    taps : ndarray of float32, shape (m,), or None
+        The same noise as a moving average of white noise, the newest first; None where more than 96 of them
+        are needed before what is left is below 1e-7.
+
     Raises
     ------
     RefusedInput
@@ -223,6 +231,7 @@ class SampledNoise:
         size, axes = np.linalg.eigh(spread - unknown)
         self._start = axes * np.sqrt(np.maximum(size, 0.0))
         step_rms = np.sqrt(innovation)
+        self.taps = _taps(step, step_rms * gain, see, float(step_rms))
         self._filter = StateBlocks(
             step, step_rms * gain[:, None], see[None, :], np.array([[step_rms]], dtype=np.float64)
         )
@@ -240,6 +249,18 @@ class SampledNoise:
         order = self._start.shape[0]
         normal = rng.standard_normal(order + sample_count)
         return self._filter.run(self._start @ normal[:order], normal[order:, None])[:, 0]
+
+
+def _taps(
+    step: NDArray[np.float64], push: NDArray[np.float64], see: NDArray[np.float64], through: float
+) -> NDArray[np.float32] | None:
+    found, state = [through], push
+    while np.abs(state).max() > _FORGOTTEN:
+        if len(found) == _MOST_TAPS:
+            return None
+        found.append(float(see @ state))
+        state = step @ state
+    return np.array(found, dtype=np.float32)
 
 
 def _spectrum_error(

@@ -263,6 +263,11 @@ class Chain:
         draws = None if shot is None else Draws(self.scene.seed, shot)
         return self._illumination.lit(self.plan, draws, align_s)
 
+    @property
+    def has_factor(self) -> bool:
+        """Whether a field of view or a law of scattering weighs the light of each place."""
+        return self._illumination.has_factor
+
     def optical(self, lit: Lit) -> OpticalEcho:
         """Return the light of what a shot lights."""
         return OpticalEcho(self.light_kernel, lit, self._illumination.photon_energy_j)

@@ -154,6 +154,7 @@ class Illumination:
         self._factor = _product(factors)
         self._jitters = "pointing jitter" in stages
         self._energy_jitters = "energy jitter" in stages
+        self.has_factor = self._factor is not None
         self._means: dict[FootprintPlan, Delays] = {}
 
     def plan(self, accuracy: Accuracy, kernel: Kernel, interval_s: float) -> FootprintPlan:

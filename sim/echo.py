@@ -122,17 +122,19 @@ class GridEcho:
         self._brightness, self._reflectance = _brightness(surface, relief)
         self._relief, self._plan, self._altitude_m = relief, plan, altitude_m
         self._stride, self._count = round(interval_s / plan.bin_s), count
-        window_s = interval_s * (count - 1)
         taps, first = kernel.taps(plan.bin_s, 0.0, kernel.ends_s)
         counts = np.flatnonzero(np.abs(taps) > _NOTHING * plan.tolerance * np.abs(taps).max())
         # Light counts from a whole response before the first sample to its rise after the last.
         before = first + int(counts[-1]) + 1
-        self._bins = before + math.ceil((window_s - kernel.starts_s) / plan.bin_s) + 2
+        self._bins_after = before + math.ceil(-kernel.starts_s / plan.bin_s) + 2
         self._taps = taps[: counts[-1] + 1]
         self._before_s, self._offset = before * plan.bin_s, before - first
 
     def samples(
-        self, centres_m: NDArray[np.float64], first_sample_s: NDArray[np.float64]
+        self,
+        centres_m: NDArray[np.float64],
+        first_sample_s: NDArray[np.float64],
+        count: int | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sample a row of echoes.
 
@@ -142,6 +144,8 @@ class GridEcho:
             x and y below the instrument, m; the beam points there.
         first_sample_s : ndarray of float64, shape (shots,)
             From each gate, s.
+        count : int or None
+            Of samples; None: as the constructor was told.
 
         Returns
         -------
@@ -151,6 +155,7 @@ class GridEcho:
             Mean reflectance of what was lit; 0 where nothing was.
         """
         relief = self._relief
+        count = count or self._count
         found, energies = loops().grid_echo(
             relief.values,
             self._brightness,
@@ -162,11 +167,11 @@ class GridEcho:
             self._altitude_m,
             np.asarray(first_sample_s, dtype=np.float64) - self._before_s,
             self._plan.bin_s,
-            self._bins,
+            self._bins_after + self._stride * (count - 1),
             self._taps,
             self._offset,
             self._stride,
-            self._count,
+            count,
         )
         if self._reflectance != 1.0:
             found *= self._reflectance

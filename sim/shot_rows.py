@@ -1,0 +1,292 @@
+"""Many shots over a terrain model: from footprints to the candidates of whole windows, in compiled rows.
+
+What `sim.chain.Chain` does for one shot with NumPy's generator, this does for rows of shots with the keyed
+generator of `sim.keyed`: echoes from the posts in one compiled call, noise as a moving average, and the
+receiver's own range finder on every window. A shot's numbers are found by (seed, shot, effect), so a shot is
+the same alone and in any row.
+
+What this does not model: what `sim.echo.GridEcho` leaves out, and the tilt that a wandering beam adds to the
+wavefront (a slope of as many radians as it wanders).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from belahil.errors import RefusedInput
+from sim.chain_light import lasting_s
+from sim.chain_noise import PoleFilter, ShotNoise, StationaryNoise
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
+from sim.echo import GridEcho
+from sim.keyed import KeyedDraws, first_normals, first_uniforms, loops
+from sim.light_noise import shot_noise_density, white_step_rms_v
+from sim.receiver_model import cubic, dead_zone
+from sim.reference import polyphase
+from sim.terrain_grid import Grid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from belahil.pole_response import SampledNoise
+    from sim.chain import Chain
+
+_TILE = 16
+"""Posts along a side of the squares whose lowest and highest are kept."""
+
+_ROW = 64
+"""Shots in a compiled call."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundShots:
+    """What the range finder found in the windows of many shots.
+
+    Parameters
+    ----------
+    shots : ndarray of int64, shape (n,)
+        Their numbers.
+    found : ndarray of int64, shape (n,)
+        Candidates of each shot; the rows below are zero beyond them.
+    arrival_s : ndarray of float64, shape (n, most)
+        From each shot's gate, s; best first.
+    fwhm_s, amplitude_v : ndarray of float64, shape (n, most)
+        Full width, s; amplitude at the converter, V.
+    reflectance : ndarray of float64, shape (n,)
+        Mean over what was lit; 0: no light came back.
+    saturated : ndarray of int64, shape (n,)
+        Samples beyond the converter's range.
+    """
+
+    shots: NDArray[np.int64]
+    found: NDArray[np.int64]
+    arrival_s: NDArray[np.float64]
+    fwhm_s: NDArray[np.float64]
+    amplitude_v: NDArray[np.float64]
+    reflectance: NDArray[np.float64]
+    saturated: NDArray[np.int64]
+
+
+class ShotRows:
+    """Rows of shots of a chain.
+
+    Parameters
+    ----------
+    chain : Chain
+        Over a terrain model, without skew between the converters, with a receiver of poles.
+
+    Raises
+    ------
+    RefusedInput
+        A chain that needs another path: `Chain.candidates` serves every scene, a shot at a time.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        scene, plan = chain.scene, chain.plan
+        self._chain, self._relief = chain, _relief(chain)
+        self._interval_s = chain.receiver.grid.interval_s
+        place = (scene.laser, scene.altitude_m, plan)
+        self._echo = GridEcho(chain.surface, *place, chain.kernel, self._interval_s, 1)
+        self._shot_noise: ShotNoise | None = None
+        self._stationary: list[tuple[str, float, SampledNoise]] = []
+        self._gain, mismatch = scene.gain, scene.truth.interleave
+        self._factors = (1 + mismatch.gain / 2, 1 - mismatch.gain / 2)
+        self._offsets_v = (mismatch.offset_v / 2, -mismatch.offset_v / 2)
+        dark_v = scene.truth.noise_rms_v_by_code[_index(chain)]
+        if dark_v:
+            filtered = PoleFilter(chain.receiver.poles, chain.receiver.zeros)
+            self._stationary.append(("noise", dark_v, filtered.noise(self._interval_s)))  # type: ignore[arg-type]
+        for noise in chain.light_noise:
+            if isinstance(noise, ShotNoise):
+                self._shot_noise = noise
+                self._light = GridEcho(chain.surface, *place, chain.light_kernel, noise.step_s, 1)
+            else:
+                self._stationary.append(_light_source(noise, scene.gain, self._interval_s))
+        small = scene.truth.small_signal
+        self._small: list[Callable[..., None]] = []
+        if small.deadband_v:
+            self._small.append(partial(dead_zone, deadband_v=small.deadband_v))
+        if small.cubic_per_v2:
+            self._small.append(partial(cubic, cubic_per_v2=small.cubic_per_v2))
+        if self._small and len(self._stationary) > bool(dark_v):
+            raise RefusedInput("rows of shots: sunlight before a small-signal effect needs Chain.candidates")
+        self._lowest, self._highest = (_tiles(self._relief.values, pick) for pick in (np.min, np.max))
+
+    def candidates(self, shots: ArrayLike, centres_m: ArrayLike | None = None) -> FoundShots:
+        """Find the candidates of many shots.
+
+        Parameters
+        ----------
+        shots : array_like of int, shape (n,)
+            Not negative: keys of their random numbers.
+        centres_m : array_like of float, shape (n, 2), or None
+            x and y of nadir, m; None: the origin for all.
+
+        Returns
+        -------
+        FoundShots
+        """
+        numbers = np.atleast_1d(np.asarray(shots, dtype=np.int64))
+        if numbers.ndim != 1 or (numbers.size and numbers.min() < 0):
+            raise RefusedInput(f"shots of shape {numbers.shape}: a row of numbers from 0 on is allowed")
+        places = np.zeros((numbers.size, 2))
+        places += 0.0 if centres_m is None else np.asarray(centres_m, dtype=np.float64)
+        most = self._chain.range_finder.candidate_count
+        rows, counts = np.zeros((numbers.size, most, 3)), np.zeros(numbers.size, dtype=np.int64)
+        lit, saturated = np.zeros(numbers.size), np.zeros(numbers.size, dtype=np.int64)
+        for begin in range(0, numbers.size, _ROW):
+            part = slice(begin, begin + _ROW)
+            lit[part] = self._row(numbers[part], places[part], rows[part], counts[part], saturated[part])
+        return FoundShots(numbers, counts, rows[..., 0], rows[..., 1], rows[..., 2], lit, saturated)
+
+    def _row(
+        self,
+        shots: NDArray[np.int64],
+        places_m: NDArray[np.float64],
+        rows: NDArray[np.float64],
+        counts: NDArray[np.int64],
+        saturated: NDArray[np.int64],
+    ) -> NDArray[np.float64]:
+        chain, seed = self._chain, self._chain.scene.seed
+        laser = chain.scene.laser
+        first_s = first_uniforms(seed, shots, "sampling_phase") * self._interval_s - chain.gate_s
+        centres_m = places_m
+        if any(laser.jitter_rad):
+            wandered = first_normals(seed, shots, "pointing", 2) * np.array(laser.jitter_rad)
+            centres_m = places_m + chain.scene.altitude_m * np.tan(wandered)
+        energy = np.ones(shots.size)
+        if laser.energy_jitter:
+            energy += laser.energy_jitter * first_normals(seed, shots, "energy", 1)[:, 0]
+        early_s, late_s = self._spread_s(centres_m)
+        size = chain.receiver.spec.max_sample_count
+        low, high = self._between(lasting_s(chain.kernel), early_s, late_s, first_s, self._interval_s)
+        width = int((high - low).max())
+        volts, lit = self._echo.samples(centres_m, first_s + low * self._interval_s, width)
+        volts *= energy[:, None]
+        if self._shot_noise is not None:
+            self._add_shot_noise(volts, low, (early_s, late_s), centres_m, first_s, energy, shots)
+        for k in range(shots.size):
+            for effect in self._small:
+                effect(volts[k], None)
+            volts[k] *= self._gain
+            begin, end = max(0, int(low[k])), min(size, int(low[k]) + width)
+            inside = volts[k, begin - int(low[k]) : max(end, begin) - int(low[k])]
+            window, saturated[k] = self._window(int(shots[k]), inside, min(begin, size), size)
+            found = chain.range_finder.search(window)
+            counts[k] = len(found)
+            rows[k, : len(found)] = found[:, :3]
+            rows[k, : len(found), 0] += first_s[k]
+        return lit
+
+    def _window(
+        self, shot: int, echo_v: NDArray[np.float64], begin: int, size: int
+    ) -> tuple[NDArray[np.float64], int]:
+        """Digitized volts of a whole window."""
+        draws, quantizer = KeyedDraws(self._chain.scene.seed, shot), self._chain.receiver.quantizer
+        noise = np.zeros(size, dtype=np.float32)
+        for effect, rms_v, unit in self._stationary:
+            drawn = draws.coloured(effect, unit, size)
+            drawn *= np.float32(rms_v)
+            noise = drawn if len(self._stationary) == 1 else noise + drawn
+        return loops().digitized(
+            noise.astype(np.float32, copy=False),
+            echo_v,
+            begin,
+            self._factors,
+            self._offsets_v,
+            quantizer.volts_per_count,
+            quantizer.bits,
+        )
+
+    def _add_shot_noise(
+        self,
+        volts: NDArray[np.float64],
+        low: NDArray[np.int64],
+        spread_s: tuple[NDArray[np.float64], NDArray[np.float64]],
+        centres_m: NDArray[np.float64],
+        first_s: NDArray[np.float64],
+        energy: NDArray[np.float64],
+        shots: NDArray[np.int64],
+    ) -> None:
+        """Add it to rows of input-referred volts that begin at sample `low`."""
+        noise = self._shot_noise
+        assert noise is not None
+        begin, end = self._between(lasting_s(self._chain.light_kernel), *spread_s, first_s, noise.step_s)
+        width = int((end - begin).max())
+        rates, _ = self._light.samples(centres_m, first_s + begin * noise.step_s, width)
+        rates *= energy[:, None]
+        rms_v = white_step_rms_v(shot_noise_density(noise.detector, np.maximum(rates, 0.0)), noise.step_s)
+        first, taps = noise.taps
+        for k in range(shots.size):
+            draws = KeyedDraws(self._chain.scene.seed, int(shots[k]))
+            # Keyed by the step in the window, so that a longer row draws the same.
+            if begin[k] < 0:
+                continue
+            white = rms_v[k] * draws.normals("shot_noise", int(begin[k]), width)
+            offset = int(low[k]) * noise.steps - int(begin[k]) - first
+            volts[k] += polyphase(white, taps, offset, noise.steps, volts.shape[1])
+
+    def _between(
+        self,
+        response_s: tuple[float, float],
+        early_s: NDArray[np.float64],
+        late_s: NDArray[np.float64],
+        first_s: NDArray[np.float64],
+        step_s: float,
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Steps from a window's first sample between which the response to some light lies."""
+        low = np.floor((early_s + response_s[0] - first_s) / step_s).astype(np.int64)
+        high = np.ceil((late_s + response_s[1] - first_s) / step_s).astype(np.int64) + 1
+        return low, high
+
+    def _spread_s(self, centres_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Delays before and after which no light comes back, from the lowest and highest posts about."""
+        relief, radius_m = self._relief, self._chain.plan.radius_m
+        early, late = np.empty(len(centres_m)), np.empty(len(centres_m))
+        corner = np.array([relief.x_min_m, relief.y_min_m])
+        shape = np.array(self._lowest.shape[::-1])
+        begin = np.floor((centres_m - radius_m - corner) / relief.spacing_m).astype(np.int64) // _TILE
+        end = np.ceil((centres_m + radius_m - corner) / relief.spacing_m).astype(np.int64) // _TILE + 1
+        begin, end = np.clip(begin, 0, shape - 1), np.clip(end, 1, shape)
+        for k, ((left, lower), (right, upper)) in enumerate(zip(begin, end, strict=True)):
+            tiles = np.s_[lower : max(upper, lower + 1), left : max(right, left + 1)]
+            early[k], late[k] = self._highest[tiles].max(), self._lowest[tiles].min()
+        bend_m = radius_m**2 / (2 * self._chain.scene.altitude_m)
+        return -2 * early / SPEED_OF_LIGHT_M_PER_S, 2 * (bend_m - late) / SPEED_OF_LIGHT_M_PER_S
+
+
+def _relief(chain: Chain) -> Grid:
+    scene = chain.scene
+    for wanted, why in (
+        (isinstance(chain.surface.relief, Grid), "ground that is no terrain model"),
+        (isinstance(chain.passed, PoleFilter), "a Gaussian filter"),
+        (not scene.truth.interleave.skew_s, "skew between the converters"),
+        (not scene.noise.dark_windows, "recorded dark noise"),
+        (not any(scene.laser.pointing_rad), "a beam off nadir"),
+        (not chain.has_factor, "light that a field of view or a law of scattering weighs"),
+    ):
+        if not wanted:
+            raise RefusedInput(f"rows of shots: {why} needs Chain.candidates")
+    assert isinstance(chain.surface.relief, Grid)
+    return chain.surface.relief
+
+
+def _index(chain: Chain) -> int:
+    codes = chain.receiver.spec.gain_codes
+    return codes.index(chain.scene.gain_code) if codes else 0
+
+
+def _light_source(noise: StationaryNoise, gain: float, interval_s: float) -> tuple[str, float, SampledNoise]:
+    return noise.effect, gain * noise.rms_v, noise.passed.noise(interval_s)  # type: ignore[return-value]
+
+
+def _tiles(values: NDArray[np.float64], pick: Callable[..., NDArray[np.float64]]) -> NDArray[np.float64]:
+    """The lowest, or highest, of each square of posts."""
+    rows, columns = (-(-size // _TILE) * _TILE for size in values.shape)
+    padded = np.pad(values, ((0, rows - values.shape[0]), (0, columns - values.shape[1])), mode="edge")
+    return pick(padded.reshape(rows // _TILE, _TILE, columns // _TILE, _TILE), axis=(1, 3))

@@ -1,0 +1,109 @@
+"""Rows of shots against the chain that takes one at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from belahil.errors import RefusedInput
+from sim.accuracy import Accuracy
+from sim.chain import Chain
+from sim.scene import load_scene
+from sim.shot_rows import ShotRows
+
+
+def fractal(**noise):
+    scene = load_scene("fractal")
+    return structs.replace(scene, altitude_m=700e3, noise=structs.replace(scene.noise, **noise))
+
+
+def test_without_noise_and_jitter_rows_find_what_the_chain_finds():
+    # Given a scene of which only the sampling phase changes from shot to shot
+    scene = fractal(shot=False, dark_rms_v=None)
+    scene = structs.replace(
+        scene, laser=structs.replace(scene.laser, jitter_rad=(0.0, 0.0), energy_jitter=0.0)
+    )
+    chain = Chain(scene, Accuracy(1e-4))
+    # When rows and chain find the pulse of some shots
+    rows = ShotRows(chain).candidates(np.arange(12))
+    found = [chain.candidates(shot)[0] for shot in range(12)]
+    # Then the means agree within 4.5 standard errors of what phase and rounding to counts make
+    first_s = [chain.first_sample_s(shot, chain.whole_window(shot)) for shot in range(12)]
+    arrivals = np.array([one.arrival_s + t for one, t in zip(found, first_s, strict=True)])
+    widths, amplitudes = [one.fwhm_s for one in found], [one.amplitude_v for one in found]
+    for ours, theirs in (
+        (rows.arrival_s[:, 0], arrivals),
+        (rows.fwhm_s[:, 0], np.array(widths)),
+        (rows.amplitude_v[:, 0], np.array(amplitudes)),
+    ):
+        error = np.hypot(ours.std(ddof=1), theirs.std(ddof=1)) / np.sqrt(12)
+        assert abs(ours.mean() - theirs.mean()) < 4.5 * error
+    # And the spread is small: no error of a whole sample can hide in it.
+    assert arrivals.std() < 0.4e-9
+    assert rows.arrival_s[:, 0].std() < 0.4e-9
+    assert (rows.found >= 1).all()
+    assert not rows.saturated.any()
+
+
+def test_a_shot_is_the_same_alone_and_in_any_row():
+    # Given all effects, when shot 77 is drawn alone and among others, then its numbers are equal.
+    rows = ShotRows(Chain(fractal(), Accuracy(1e-3)))
+    places_m = np.random.default_rng(1).uniform(-100, 100, (130, 2))
+    many = rows.candidates(np.arange(130), places_m)
+    alone = rows.candidates([77], places_m[77:78])
+    for name in ("found", "saturated"):
+        assert getattr(many, name)[77] == getattr(alone, name)[0]
+    for name in ("arrival_s", "fwhm_s", "amplitude_v"):
+        np.testing.assert_allclose(getattr(many, name)[77], getattr(alone, name)[0], rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_the_spread_of_arrivals_is_the_chains():
+    # Given night with shot noise, jitter of beam and energy, and dark noise
+    chain = Chain(fractal(), Accuracy(1e-3))
+    count = 600
+    # When as many shots are taken either way
+    rows = ShotRows(chain).candidates(np.arange(count))
+    single = np.array(
+        [
+            chain.candidates(shot)[0].arrival_s + chain.first_sample_s(shot, chain.whole_window(shot))
+            for shot in range(count)
+        ]
+    )
+    # Then mean and spread agree within 4.5 standard errors
+    ours = rows.arrival_s[:, 0]
+    spread = np.hypot(ours.std(), single.std()) / np.sqrt(count)
+    assert abs(ours.mean() - single.mean()) < 4.5 * spread
+    assert abs(np.log(ours.std() / single.std())) < 4.5 / np.sqrt(count)
+
+
+def test_shot_noise_widens_the_spread_and_absent_noise_draws_nothing(monkeypatch):
+    # Given the same scene with and without shot noise, and no other noise
+    without = ShotRows(Chain(fractal(shot=False, dark_rms_v=None), Accuracy(1e-3)))
+    with_ = ShotRows(Chain(fractal(shot=True, dark_rms_v=None), Accuracy(1e-3)))
+    # When both find the same shots, then shot noise alone makes the difference
+    a, b = (rows.candidates(np.arange(64)).amplitude_v[:, 0] for rows in (without, with_))
+    assert b.mean() == pytest.approx(a.mean(), rel=0.05)
+    assert b.std() > 1.2 * a.std()
+
+    # And where no noise is called for, none is drawn
+    def never(*_):
+        raise AssertionError("drew noise that the scene does not name")
+
+    monkeypatch.setattr("sim.keyed.KeyedDraws.coloured", never)
+    monkeypatch.setattr("sim.keyed.KeyedDraws.normals", never)
+    without.candidates([0, 1])
+
+
+@pytest.mark.parametrize("name", ["plane", "previous-model"])
+def test_scenes_without_a_terrain_model_are_refused_in_one_line(name):
+    # Given a scene that rows cannot serve, when asked for, then the line names what can.
+    with pytest.raises(RefusedInput, match=r"Chain\.candidates"):
+        ShotRows(Chain(load_scene(name)))
+
+
+def test_shots_below_zero_are_refused():
+    # Given a negative shot, when asked for, then it is refused.
+    with pytest.raises(RefusedInput, match="from 0 on"):
+        ShotRows(Chain(fractal(), Accuracy(1e-3))).candidates([-1])
