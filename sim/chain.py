@@ -264,6 +264,11 @@ class Chain:
         return self._illumination.lit(self.plan, draws, align_s)
 
     @property
+    def light_bin_s(self) -> float:
+        """Time bins of the light before any filter, s; 0 with the closed form."""
+        return self._echo_plan.bin_s
+
+    @property
     def has_factor(self) -> bool:
         """Whether a field of view or a law of scattering weighs the light of each place."""
         return self._illumination.has_factor

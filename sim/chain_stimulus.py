@@ -33,9 +33,12 @@ _COARSEST = 8
 
 def stimulus(chain: Chain, shot: int | None, sample_rate_hz: float | None) -> SampledPulse | NoSignal:
     """Return the voltage at the cut; see `sim.chain.Chain.stimulus`."""
-    rate_hz = sample_rate_hz or break_points_hz(
-        chain.kernel, chain.accuracy.tolerance, chain.receiver.spec.sample_rate_hz
-    )
+    rate_hz = sample_rate_hz
+    if rate_hz is None:
+        enough_hz = break_points_hz(
+            chain.kernel, chain.accuracy.tolerance, chain.receiver.spec.sample_rate_hz
+        )
+        rate_hz = _on_bins(enough_hz, chain.light_bin_s)
     begin_s, end_s = _stretch_s(chain)
     count = math.ceil((end_s - begin_s) * rate_hz) + 1
     volts = chain.echo(shot).photon_rate_hz(begin_s - chain.gate_s, 1 / rate_hz, count)
@@ -69,6 +72,17 @@ def break_points_hz(kernel: Kernel, tolerance: float, sample_rate_hz: float) -> 
     volts = kernel.at(kernel.starts_s + step_s * np.arange(4096.0))
     bend = float(np.abs(np.diff(volts, 2)).max() / step_s**2 / np.abs(volts).max())
     return max(_COARSEST * sample_rate_hz, math.sqrt(bend / (12 * tolerance)))
+
+
+def _on_bins(rate_hz: float, bin_s: float) -> float:
+    """The next higher rate whose step is a whole number of time bins, or divides one.
+
+    The echo then costs a product for each bin and point, and no table of all their lags.
+    """
+    if not bin_s:
+        return rate_hz
+    bins = 1 / (rate_hz * bin_s)
+    return 1 / (math.floor(bins) * bin_s) if bins >= 1 else math.ceil(1 / bins) / bin_s
 
 
 def _noise(chain: Chain, draws: Draws, begin_s: float, count: int, rate_hz: float) -> NDArray[np.float64]:

@@ -62,6 +62,14 @@ def echo(
         return light.total * kernel.widened(light.std_s).exact(times - light.mean_s)
     bins = (first_sample_s - light.first_s) / light.bin_s
     stride, whole = interval_s / light.bin_s, math.floor(bins + _ON_GRID)
+    within = round(1 / stride)
+    if within > 1 and abs(within * stride - 1) < _ON_GRID:
+        # Several samples in a bin: as many echoes with a sample a bin, one after the other.
+        volts = np.empty(count)
+        for one in range(min(within, count)):
+            late_s, size = first_sample_s + one * interval_s, len(range(one, count, within))
+            volts[one::within] = echo(kernel, light, late_s, light.bin_s, size)
+        return volts
     if abs(stride - round(stride)) > _ON_GRID:
         lags = times[:, None] - (light.first_s + light.bin_s * np.arange(light.weights.size))
         return np.asarray(kernel.at(lags) @ light.weights)

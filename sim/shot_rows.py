@@ -12,7 +12,7 @@ wavefront (a slope of as many radians as it wanders).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 _TILE = 16
 """Posts along a side of the squares whose lowest and highest are kept."""
 
+_MOVES = 1024
+"""Places in a stored window of noise at which a shot's window may begin."""
+
 _ROW = 64
 """Shots in a compiled call."""
 
@@ -61,6 +64,8 @@ class FoundShots:
         Mean over what was lit; 0: no light came back.
     saturated : ndarray of int64, shape (n,)
         Samples beyond the converter's range.
+    noise : str
+        Where the stationary noise came from, to be told beside any figure made of it.
     """
 
     shots: NDArray[np.int64]
@@ -70,6 +75,7 @@ class FoundShots:
     amplitude_v: NDArray[np.float64]
     reflectance: NDArray[np.float64]
     saturated: NDArray[np.int64]
+    noise: str
 
 
 class ShotRows:
@@ -79,16 +85,24 @@ class ShotRows:
     ----------
     chain : Chain
         Over a terrain model, without skew between the converters, with a receiver of poles.
+    pool_windows : int
+        0: every shot has noise of its own. Else so many windows of stationary noise are drawn once, 68 kB
+        each, and a shot takes one of them from a random place on. Shots that share a window are correlated: a
+        share of false detections is then known no better than from so many independent windows.
 
     Raises
     ------
     RefusedInput
-        A chain that needs another path: `Chain.candidates` serves every scene, a shot at a time.
+        A chain that needs another path: `Chain.candidates` serves every scene, a shot at a time; or a pool of
+        fewer than no windows.
     """
 
-    def __init__(self, chain: Chain) -> None:
+    def __init__(self, chain: Chain, pool_windows: int = 0) -> None:
+        if pool_windows < 0:
+            raise RefusedInput(f"a pool of {pool_windows} windows: 0 (no pool) or more are allowed")
         scene, plan = chain.scene, chain.plan
         self._chain, self._relief = chain, _relief(chain)
+        self._pool_windows = pool_windows
         self._interval_s = chain.receiver.grid.interval_s
         place = (scene.laser, scene.altitude_m, plan)
         self._echo = GridEcho(chain.surface, *place, chain.kernel, self._interval_s, 1)
@@ -142,7 +156,9 @@ class ShotRows:
         for begin in range(0, numbers.size, _ROW):
             part = slice(begin, begin + _ROW)
             lit[part] = self._row(numbers[part], places[part], rows[part], counts[part], saturated[part])
-        return FoundShots(numbers, counts, rows[..., 0], rows[..., 1], rows[..., 2], lit, saturated)
+        return FoundShots(
+            numbers, counts, rows[..., 0], rows[..., 1], rows[..., 2], lit, saturated, self.noise
+        )
 
     def _row(
         self,
@@ -183,18 +199,42 @@ class ShotRows:
             rows[k, : len(found), 0] += first_s[k]
         return lit
 
+    @property
+    def noise(self) -> str:
+        """Where the stationary noise comes from."""
+        if not self._stationary:
+            return "none"
+        if self._pool_windows:
+            return f"pool of {self._pool_windows} windows, shared by the shots"
+        return "independent for each shot"
+
+    @cached_property
+    def _pool(self) -> list[NDArray[np.float32]]:
+        size = self._chain.receiver.spec.max_sample_count + _MOVES
+        return [self._drawn(number, size, "pool ") for number in range(self._pool_windows)]
+
+    def _drawn(self, shot: int, size: int, prefix: str = "") -> NDArray[np.float32]:
+        """Stationary noise at the converter."""
+        draws, noise = KeyedDraws(self._chain.scene.seed, shot), np.zeros(size, dtype=np.float32)
+        for effect, rms_v, unit in self._stationary:
+            drawn = draws.coloured(prefix + effect, unit, size)
+            drawn *= np.float32(rms_v)
+            noise = drawn if len(self._stationary) == 1 else noise + drawn
+        return noise
+
     def _window(
         self, shot: int, echo_v: NDArray[np.float64], begin: int, size: int
     ) -> tuple[NDArray[np.float64], int]:
         """Digitized volts of a whole window."""
-        draws, quantizer = KeyedDraws(self._chain.scene.seed, shot), self._chain.receiver.quantizer
-        noise = np.zeros(size, dtype=np.float32)
-        for effect, rms_v, unit in self._stationary:
-            drawn = draws.coloured(effect, unit, size)
-            drawn *= np.float32(rms_v)
-            noise = drawn if len(self._stationary) == 1 else noise + drawn
+        if self._pool_windows and self._stationary:
+            stream = KeyedDraws(self._chain.scene.seed, shot).stream("pool")
+            stored = self._pool[stream.integers(self._pool_windows)]
+            noise = stored[stream.integers(_MOVES + 1) :][:size]
+        else:
+            noise = self._drawn(shot, size)
+        quantizer = self._chain.receiver.quantizer
         return loops().digitized(
-            noise.astype(np.float32, copy=False),
+            noise,
             echo_v,
             begin,
             self._factors,

@@ -19,6 +19,7 @@ from belahil.stimuli import NoSignal, SampledPulse
 from belahil.values import WindowRequest
 from sim.accuracy import Accuracy
 from sim.chain import Chain
+from sim.detector import volts_per_photon_rate
 from sim.draws import Draws
 from sim.footprint import DelayGaussian
 from sim.link_budget import link_budget
@@ -75,6 +76,20 @@ def test_samples_are_the_stimulus_behind_the_filter() -> None:
 
     # Then both are the same within the tolerance, met twice
     np.testing.assert_allclose(samples.volts, volts, rtol=0, atol=2e-5 * volts.max())
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8])
+def test_a_fine_stimulus_has_its_points_on_the_time_bins(tolerance: float) -> None:
+    # Given a tolerance whose stimulus has up to 2e5 points over thousands of time bins
+    chain = Chain(with_(load_scene("plane"), noise={"shot": False}), Accuracy(tolerance))
+    # When it is made
+    pulse = chain.stimulus()
+    # Then its points lie on the bins, so that no table of all lags is built, and all the light is there
+    assert isinstance(pulse, SampledPulse)
+    ratio = pulse.sample_rate_hz * chain.light_bin_s
+    assert min(abs(ratio - round(ratio)), abs(1 / ratio - round(1 / ratio))) < 1e-9
+    area = float(np.sum(pulse.volts)) / pulse.sample_rate_hz
+    assert area == pytest.approx(chain.echo().photons * volts_per_photon_rate(chain.scene.detector), rel=1e-5)
 
 
 def test_the_amplifiers_pole_is_left_to_the_stimulus_and_is_in_the_samples() -> None:

@@ -47,7 +47,7 @@ def directly(kernel: Kernel, light: DelayHistogram, times_s: np.ndarray) -> np.n
 
 
 @pytest.mark.parametrize("kernel", [KERNEL, COUPLED])
-@pytest.mark.parametrize("bins_per_sample", [1, 7, 3.3])
+@pytest.mark.parametrize("bins_per_sample", [1, 7, 3.3, 0.25, 1 / 3])
 @pytest.mark.parametrize("start_bins", [-40.0, 0.0, 12.25, 4000.0])
 def test_samples_are_the_sum_over_bins(kernel: Kernel, bins_per_sample: float, start_bins: float) -> None:
     # Given a histogram at any place against the samples, near or far

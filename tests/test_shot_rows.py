@@ -103,6 +103,26 @@ def test_scenes_without_a_terrain_model_are_refused_in_one_line(name):
         ShotRows(Chain(load_scene(name)))
 
 
+def test_a_pool_of_noise_says_so_and_finds_what_independent_noise_finds():
+    # Given 64 stored windows of noise, and noise of its own for each shot
+    chain = Chain(fractal(shot=False), Accuracy(1e-3))
+    pooled, own = ShotRows(chain, pool_windows=64), ShotRows(chain)
+    # When both find the pulses of 400 shots
+    a, b = pooled.candidates(np.arange(400)), own.candidates(np.arange(400))
+    # Then each says where its noise came from, spreads agree within 4.5 standard errors of 64 windows, and
+    # shots that share a window are not the same shot
+    assert a.noise == "pool of 64 windows, shared by the shots"
+    assert b.noise == "independent for each shot"
+    assert abs(np.log(a.arrival_s[:, 0].std() / b.arrival_s[:, 0].std())) < 4.5 / np.sqrt(2 * 64)
+    assert np.unique(a.arrival_s[:, 0]).size == 400
+
+
+def test_a_pool_of_less_than_nothing_is_refused():
+    # Given -1 windows, when asked for, then it is refused in one line.
+    with pytest.raises(RefusedInput, match="0 \\(no pool\\)"):
+        ShotRows(Chain(fractal(), Accuracy(1e-3)), pool_windows=-1)
+
+
 def test_shots_below_zero_are_refused():
     # Given a negative shot, when asked for, then it is refused.
     with pytest.raises(RefusedInput, match="from 0 on"):
