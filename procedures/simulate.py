@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.pulse_fit import PulseFit
+    from belahil.values import Products
     from sim.scene import Scene
 
 CASES = ("noise-free", "night", "day")
@@ -57,6 +58,8 @@ class SimulateOptions:
         As in `sim.accuracy.Accuracy`.
     shots : int
         Whole windows with the noise of the scene.
+    products : {"window", "candidates", "correlation_windows"}
+        What of each the receiver reports into the data file; see `sim.rfm.RangeFinder.report`.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class SimulateOptions:
 
     tolerance: float = Accuracy().tolerance
     shots: int = SHOTS
+    products: Products = "window"
 
     def __post_init__(self) -> None:
         Accuracy(self.tolerance)
@@ -132,10 +136,21 @@ class Simulation:
         Of the scene.
     shots : tuple of Shot
         Whole windows with their candidates; `played` is the mean echo at the cut.
+    products : {"window", "candidates", "correlation_windows"}
+        As in `SimulateOptions`.
     """
 
     chain: Chain
     shots: tuple[Shot, ...]
+    products: Products = "window"
+
+    @property
+    def reported(self) -> tuple[Shot, ...]:
+        """The shots with what the receiver reports of them."""
+        if self.products == "window":
+            return self.shots
+        finder = replace(self.chain.range_finder, compiled=len(self.shots) >= _MANY)
+        return tuple(replace(one, window=finder.report(one.window, self.products)) for one in self.shots)
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
@@ -236,7 +251,7 @@ def simulate(
         shots.append(Shot(played, finder.report(chain.window(index), "window"), date))
         if progress is not None:
             progress(index + 1, options.shots)
-    return Simulation(chain, tuple(shots))
+    return Simulation(chain, tuple(shots), options.products)
 
 
 def _chain_of(case: str, chain: Chain) -> Chain:

@@ -6,6 +6,7 @@ import json
 import os
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -174,6 +175,29 @@ def test_a_used_folder_is_refused_before_anything_is_computed(
     monkeypatch.setattr(Chain, "__init__", lambda *_: pytest.fail("computed"))
 
     assert main(["simulate", "plane", "--out", str(folder)]) == 2
+
+
+@pytest.mark.parametrize(("products", "samples"), [("candidates", 0), ("correlation_windows", 42)])
+def test_a_receiver_reports_the_products_that_are_asked_for(
+    products: str, samples: int, tmp_path: Path
+) -> None:
+    # Given two shots of a scene, whole and as reported products
+    line = ["simulate", "plane", "--shots", "2", "--seed", "3", "--quiet"]
+    assert main([*line, "--out", str(tmp_path / "whole")]) == 0
+    # When the products are asked for
+    assert main([*line, "--products", products, "--out", str(tmp_path / "run")]) == 0
+    # Then results are equal, candidates too, and only the samples asked for are in the file
+    results = [
+        json.loads((tmp_path / one / "summary.json").read_text())["results"] for one in ("whole", "run")
+    ]
+    assert results[0] == results[1]
+    with h5py.File(tmp_path / "whole" / "data.nc") as whole, h5py.File(tmp_path / "run" / "data.nc") as file:
+        assert np.array_equal(file["candidate_arrival_s"][()], whole["candidate_arrival_s"][()])
+        assert (file["sample_count"][()] == 0).all()
+        kept = [name for name in file if name.startswith("candidate") and "counts" in name]
+        assert bool(kept) == bool(samples)
+        if kept:
+            assert file[kept[0]].shape[-1] == samples
 
 
 def test_the_dtm_of_a_file_is_simulated(tmp_path: Path) -> None:

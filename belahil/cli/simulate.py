@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 @click.argument("scene")
 @click.option("--tolerance", type=float, metavar="X", help="Largest error, relative to the peak; 1e-4.")
 @click.option("--shots", type=click.IntRange(min=1), metavar="N", help="Whole windows with noise; 10.")
+@click.option(
+    "--products",
+    type=click.Choice(("window", "candidates", "correlation_windows")),
+    help="What the receiver reports of each window into data.nc; window.",
+)
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Goes before the scene's seed.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder; new or empty.")
 @click.option("--quiet", is_flag=True, help="Say nothing but errors.")
@@ -27,6 +32,7 @@ def command(
     scene: str,
     tolerance: float | None,
     shots: int | None,
+    products: str | None,
     seed: int | None,
     out: Path | None,
     quiet: bool,
@@ -52,7 +58,7 @@ def command(
     loaded = load_scene(scene)
     if seed is not None:
         loaded = structs.replace(loaded, seed=seed)
-    told: dict[str, Any] = {"tolerance": tolerance, "shots": shots}
+    told: dict[str, Any] = {"tolerance": tolerance, "shots": shots, "products": products}
     options = SimulateOptions(**{key: value for key, value in told.items() if value is not None})
     folder = out or dated("simulate")
     refuse_used(folder)
@@ -66,7 +72,7 @@ def command(
     }
     run = SceneRun(folder, "simulate", as_toml(loaded), loaded.seed, instruments)
     conditions = {"scene": scene, "windows": str(options.shots), "command": command_line()}
-    summary = run.finish(analyse(simulation), simulation.shots, conditions, left_out())
+    summary = run.finish(analyse(simulation), simulation.reported, conditions, left_out())
     if as_json:
         sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
     elif not quiet:
