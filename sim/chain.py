@@ -184,6 +184,10 @@ class Chain:
         request = request or self.whole_window(shot or 0)
         return self.receiver.digitized(self._at_converter(shot, request), request)
 
+    def shot(self, index: int) -> RangeWindow:
+        """Return the longest window of a shot, with all the noise of the scene."""
+        return self.window(index)
+
     def candidates(
         self, shot: int | None = None, request: WindowRequest | None = None, with_samples: bool = False
     ) -> tuple[Candidate, ...]:

@@ -7,9 +7,15 @@ alone or in a row, and a new effect does not reshuffle the others.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from zlib import crc32
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from belahil.pole_response import SampledNoise
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,3 +48,11 @@ class Draws:
     def uniform(self, effect: str) -> float:
         """Return one number in [0, 1): the first of that effect's stream."""
         return float(self.stream(effect).random())
+
+    def normals(self, effect: str, first: int, count: int) -> NDArray[np.float64]:
+        """Return normal deviates, shape (count,): the first of that effect's stream, whatever `first` is."""
+        return self.stream(effect).standard_normal(count)
+
+    def coloured(self, effect: str, noise: SampledNoise, count: int) -> NDArray[np.float32]:
+        """Return a stretch of noise of unit rms, shape (count,)."""
+        return noise.draw(self.stream(effect), count).astype(np.float32)

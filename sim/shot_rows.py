@@ -1,9 +1,9 @@
 """Many shots over a terrain model: from footprints to the candidates of whole windows, in compiled rows.
 
-What `sim.chain.Chain` does for one shot with NumPy's generator, this does for rows of shots with the keyed
-generator of `sim.keyed`: echoes from the posts in one compiled call, noise as a moving average, and the
-receiver's own range finder on every window. A shot's numbers are found by (seed, shot, effect), so a shot is
-the same alone and in any row.
+What `sim.chain.Chain` does for one shot with NumPy's generator, this does for rows of shots, with the keyed
+generator of `sim.keyed` or with NumPy's: echoes from the posts in one compiled call, noise as a moving
+average, and the receiver's own range finder on every window. A shot's numbers are found by (seed, shot,
+effect), so a shot is the same alone and in any row.
 
 What this does not model: what `sim.echo.GridEcho` leaves out, and the tilt that a wandering beam adds to the
 wavefront (a slope of as many radians as it wanders).
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from belahil.errors import RefusedInput
 from sim.chain_light import lasting_s
 from sim.chain_noise import PoleFilter, ShotNoise, StationaryNoise
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
+from sim.draws import Draws
 from sim.echo import GridEcho
 from sim.keyed import KeyedDraws, first_normals, first_uniforms, loops
 from sim.light_noise import shot_noise_density, white_step_rms_v
@@ -41,6 +42,8 @@ _TILE = 16
 
 _MOVES = 1024
 """Places in a stored window of noise at which a shot's window may begin."""
+
+_GENERATORS = ("keyed", "numpy")
 
 _ROW = 64
 """Shots in a compiled call."""
@@ -89,6 +92,8 @@ class ShotRows:
         0: every shot has noise of its own. Else so many windows of stationary noise are drawn once, 68 kB
         each, and a shot takes one of them from a random place on. Shots that share a window are correlated: a
         share of false detections is then known no better than from so many independent windows.
+    generator : {"keyed", "numpy"}
+        Of the random numbers: `sim.keyed`, or NumPy's as `sim.draws` keys it and `Chain` uses it.
 
     Raises
     ------
@@ -97,12 +102,16 @@ class ShotRows:
         fewer than no windows.
     """
 
-    def __init__(self, chain: Chain, pool_windows: int = 0) -> None:
+    def __init__(
+        self, chain: Chain, pool_windows: int = 0, generator: Literal["keyed", "numpy"] = "keyed"
+    ) -> None:
+        if generator not in _GENERATORS:
+            raise RefusedInput(f"generator {generator!r}: allowed are {', '.join(_GENERATORS)}")
         if pool_windows < 0:
             raise RefusedInput(f"a pool of {pool_windows} windows: 0 (no pool) or more are allowed")
         scene, plan = chain.scene, chain.plan
         self._chain, self._relief = chain, _relief(chain)
-        self._pool_windows = pool_windows
+        self._pool_windows, self._generator = pool_windows, generator
         self._interval_s = chain.receiver.grid.interval_s
         place = (scene.laser, scene.altitude_m, plan)
         self._echo = GridEcho(chain.surface, *place, chain.kernel, self._interval_s, 1)
@@ -168,16 +177,15 @@ class ShotRows:
         counts: NDArray[np.int64],
         saturated: NDArray[np.int64],
     ) -> NDArray[np.float64]:
-        chain, seed = self._chain, self._chain.scene.seed
-        laser = chain.scene.laser
-        first_s = first_uniforms(seed, shots, "sampling_phase") * self._interval_s - chain.gate_s
+        chain, laser = self._chain, self._chain.scene.laser
+        first_s = self._uniforms(shots, "sampling_phase") * self._interval_s - chain.gate_s
         centres_m = places_m
         if any(laser.jitter_rad):
-            wandered = first_normals(seed, shots, "pointing", 2) * np.array(laser.jitter_rad)
+            wandered = self._normals(shots, "pointing", 2) * np.array(laser.jitter_rad)
             centres_m = places_m + chain.scene.altitude_m * np.tan(wandered)
         energy = np.ones(shots.size)
         if laser.energy_jitter:
-            energy += laser.energy_jitter * first_normals(seed, shots, "energy", 1)[:, 0]
+            energy += laser.energy_jitter * self._normals(shots, "energy", 1)[:, 0]
         early_s, late_s = self._spread_s(centres_m)
         size = chain.receiver.spec.max_sample_count
         low, high = self._between(lasting_s(chain.kernel), early_s, late_s, first_s, self._interval_s)
@@ -186,18 +194,41 @@ class ShotRows:
         volts *= energy[:, None]
         if self._shot_noise is not None:
             self._add_shot_noise(volts, low, (early_s, late_s), centres_m, first_s, energy, shots)
+        pooled = self._places_in_pool(shots)
         for k in range(shots.size):
             for effect in self._small:
                 effect(volts[k], None)
             volts[k] *= self._gain
             begin, end = max(0, int(low[k])), min(size, int(low[k]) + width)
             inside = volts[k, begin - int(low[k]) : max(end, begin) - int(low[k])]
-            window, saturated[k] = self._window(int(shots[k]), inside, min(begin, size), size)
+            window, saturated[k] = self._window(int(shots[k]), pooled[k], inside, min(begin, size), size)
             found = chain.range_finder.search(window)
             counts[k] = len(found)
             rows[k, : len(found)] = found[:, :3]
             rows[k, : len(found), 0] += first_s[k]
         return lit
+
+    def _draws(self, shot: int) -> KeyedDraws | Draws:
+        seed = self._chain.scene.seed
+        return KeyedDraws(seed, shot) if self._generator == "keyed" else Draws(seed, shot)
+
+    def _uniforms(self, shots: NDArray[np.int64], effect: str) -> NDArray[np.float64]:
+        if self._generator == "keyed":
+            return first_uniforms(self._chain.scene.seed, shots, effect)
+        return np.array([self._draws(int(shot)).uniform(effect) for shot in shots])
+
+    def _normals(self, shots: NDArray[np.int64], effect: str, count: int) -> NDArray[np.float64]:
+        if self._generator == "keyed":
+            return first_normals(self._chain.scene.seed, shots, effect, count)
+        return np.array([self._draws(int(shot)).normals(effect, 0, count) for shot in shots])
+
+    def _places_in_pool(self, shots: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Which stored window each shot takes, and from which sample on, shape (n, 2)."""
+        places = np.zeros((shots.size, 2), dtype=np.int64)
+        if self._pool_windows:
+            places[:, 0] = self._uniforms(shots, "pool window") * self._pool_windows
+            places[:, 1] = self._uniforms(shots, "pool place") * (_MOVES + 1)
+        return places
 
     @property
     def noise(self) -> str:
@@ -215,7 +246,7 @@ class ShotRows:
 
     def _drawn(self, shot: int, size: int, prefix: str = "") -> NDArray[np.float32]:
         """Stationary noise at the converter."""
-        draws, noise = KeyedDraws(self._chain.scene.seed, shot), np.zeros(size, dtype=np.float32)
+        draws, noise = self._draws(shot), np.zeros(size, dtype=np.float32)
         for effect, rms_v, unit in self._stationary:
             drawn = draws.coloured(prefix + effect, unit, size)
             drawn *= np.float32(rms_v)
@@ -223,13 +254,11 @@ class ShotRows:
         return noise
 
     def _window(
-        self, shot: int, echo_v: NDArray[np.float64], begin: int, size: int
+        self, shot: int, place: NDArray[np.int64], echo_v: NDArray[np.float64], begin: int, size: int
     ) -> tuple[NDArray[np.float64], int]:
         """Digitized volts of a whole window."""
         if self._pool_windows and self._stationary:
-            stream = KeyedDraws(self._chain.scene.seed, shot).stream("pool")
-            stored = self._pool[stream.integers(self._pool_windows)]
-            noise = stored[stream.integers(_MOVES + 1) :][:size]
+            noise = self._pool[place[0]][place[1] :][:size]
         else:
             noise = self._drawn(shot, size)
         quantizer = self._chain.receiver.quantizer
@@ -263,7 +292,7 @@ class ShotRows:
         rms_v = white_step_rms_v(shot_noise_density(noise.detector, np.maximum(rates, 0.0)), noise.step_s)
         first, taps = noise.taps
         for k in range(shots.size):
-            draws = KeyedDraws(self._chain.scene.seed, int(shots[k]))
+            draws = self._draws(int(shots[k]))
             # Keyed by the step in the window, so that a longer row draws the same.
             if begin[k] < 0:
                 continue

@@ -46,6 +46,27 @@ def test_without_noise_and_jitter_rows_find_what_the_chain_finds():
     assert not rows.saturated.any()
 
 
+def test_with_numpys_numbers_rows_find_what_the_chain_finds_shot_by_shot():
+    # Given a scene with jitter of the energy and dark noise, and the chain's own generator
+    scene = fractal(shot=False)
+    scene = structs.replace(scene, laser=structs.replace(scene.laser, jitter_rad=(0.0, 0.0)))
+    chain = Chain(scene, Accuracy(1e-5))
+    # When rows and chain search the same windows
+    rows = ShotRows(chain, generator="numpy").candidates(np.arange(40))
+    # Then every best candidate is the same, but for the few counts that fall to the other side
+    for shot in range(40):
+        best = chain.candidates(shot)[0]
+        arrival_s = best.arrival_s + chain.first_sample_s(shot, chain.whole_window(shot))
+        assert rows.arrival_s[shot, 0] == pytest.approx(arrival_s, abs=0.1e-9)
+        assert rows.amplitude_v[shot, 0] == pytest.approx(best.amplitude_v, rel=0.01)
+
+
+def test_a_generator_that_is_not_there_is_refused():
+    # Given a name, when it is none of the two, then the line names both.
+    with pytest.raises(RefusedInput, match="keyed, numpy"):
+        ShotRows(Chain(fractal(), Accuracy(1e-3)), generator="legacy")
+
+
 def test_a_shot_is_the_same_alone_and_in_any_row():
     # Given all effects, when shot 77 is drawn alone and among others, then its numbers are equal.
     rows = ShotRows(Chain(fractal(), Accuracy(1e-3)))
