@@ -138,7 +138,7 @@ class ShotRows:
             self._small.append(partial(cubic, cubic_per_v2=small.cubic_per_v2))
         if self._small and len(self._stationary) > bool(dark_v):
             raise RefusedInput("rows of shots: sunlight before a small-signal effect needs Chain.candidates")
-        self._lowest, self._highest = (_tiles(self._relief.values, pick) for pick in (np.min, np.max))
+        self._lowest, self._highest = (_tiles(self._relief, pick) for pick in (np.min, np.max))
 
     def candidates(self, shots: ArrayLike, centres_m: ArrayLike | None = None) -> FoundShots:
         """Find the candidates of many shots.
@@ -294,8 +294,6 @@ class ShotRows:
         for k in range(shots.size):
             draws = self._draws(int(shots[k]))
             # Keyed by the step in the window, so that a longer row draws the same.
-            if begin[k] < 0:
-                continue
             white = rms_v[k] * draws.normals("shot_noise", int(begin[k]), width)
             offset = int(low[k]) * noise.steps - int(begin[k]) - first
             volts[k] += polyphase(white, taps, offset, noise.steps, volts.shape[1])
@@ -325,6 +323,8 @@ class ShotRows:
         for k, ((left, lower), (right, upper)) in enumerate(zip(begin, end, strict=True)):
             tiles = np.s_[lower : max(upper, lower + 1), left : max(right, left + 1)]
             early[k], late[k] = self._highest[tiles].max(), self._lowest[tiles].min()
+        lit = np.isfinite(early)
+        early, late = np.where(lit, early, 0.0), np.where(lit, late, 0.0)
         bend_m = radius_m**2 / (2 * self._chain.scene.altitude_m)
         return -2 * early / SPEED_OF_LIGHT_M_PER_S, 2 * (bend_m - late) / SPEED_OF_LIGHT_M_PER_S
 
@@ -354,8 +354,12 @@ def _light_source(noise: StationaryNoise, gain: float, interval_s: float) -> tup
     return noise.effect, gain * noise.rms_v, noise.passed.noise(interval_s)  # type: ignore[return-value]
 
 
-def _tiles(values: NDArray[np.float64], pick: Callable[..., NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The lowest, or highest, of each square of posts."""
+def _tiles(relief: Grid, pick: Callable[..., NDArray[np.float64]]) -> NDArray[np.float64]:
+    """The lowest, or highest, known post of each square; infinite the other way where there is none."""
+    values, nothing = relief.values, np.inf if pick is np.min else -np.inf
+    if relief.known is not None:
+        values = np.where(relief.known, values, nothing)
     rows, columns = (-(-size // _TILE) * _TILE for size in values.shape)
-    padded = np.pad(values, ((0, rows - values.shape[0]), (0, columns - values.shape[1])), mode="edge")
+    margins = ((0, rows - values.shape[0]), (0, columns - values.shape[1]))
+    padded = np.pad(values, margins, constant_values=nothing)
     return pick(padded.reshape(rows // _TILE, _TILE, columns // _TILE, _TILE), axis=(1, 3))

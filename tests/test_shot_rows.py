@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from msgspec import structs
@@ -65,6 +67,24 @@ def test_a_generator_that_is_not_there_is_refused():
     # Given a name, when it is none of the two, then the line names both.
     with pytest.raises(RefusedInput, match="keyed, numpy"):
         ShotRows(Chain(fractal(), Accuracy(1e-3)), generator="legacy")
+
+
+def test_over_posts_that_are_not_known_no_light_comes_back():
+    # Given a terrain model without data in one half, and noise
+    chain = Chain(fractal(shot=False), Accuracy(1e-3))
+    relief = chain.surface.relief
+    known = np.ones(relief.values.shape, dtype=np.bool_)
+    known[:, : known.shape[1] // 2] = False
+    values = np.where(known, relief.values, np.nan)
+    surface = replace(chain.surface, relief=replace(relief, values=values, known=known))
+    rows = ShotRows(Chain(chain.scene, Accuracy(1e-3), surface))
+    # When shots fall into either half, and far off the model
+    found = rows.candidates([0, 1, 2], [(200.0, 0.0), (-200.0, 0.0), (1e5, 0.0)])
+    # Then only the first has light, and every number is finite
+    assert found.reflectance[0] == pytest.approx(0.17, rel=1e-2)
+    assert found.reflectance[1] == found.reflectance[2] == 0
+    assert np.isfinite(found.arrival_s).all()
+    assert found.amplitude_v[0, 0] > 3 * found.amplitude_v[1:, 0].max()
 
 
 def test_a_shot_is_the_same_alone_and_in_any_row():
