@@ -129,7 +129,10 @@ class GridEcho:
         self._sigma_m = sigma_m[::-1] if turned else sigma_m
         self._brightness, self._reflectance = _brightness(surface, relief)
         self._relief, self._plan, self._altitude_m = relief, plan, altitude_m
-        self._stride, self._count = round(interval_s / plan.bin_s), count
+        bins = interval_s / plan.bin_s
+        self._stride, self._count = round(bins), count
+        if self._stride < 1 or abs(bins - self._stride) > _ON_GRID * self._stride:
+            raise RefusedInput(f"echoes from posts need whole bins in an interval: {bins:.9g} were asked for")
         taps, first = kernel.taps(plan.bin_s, 0.0, kernel.ends_s)
         counts = np.flatnonzero(np.abs(taps) > _NOTHING * plan.tolerance * np.abs(taps).max())
         # Light counts from a whole response before the first sample to its rise after the last.
@@ -160,7 +163,7 @@ class GridEcho:
         samples : ndarray of float64, shape (shots, count)
             As `echo`.
         energies : ndarray of float64, shape (shots,)
-            Mean reflectance of what was lit; 0 where nothing was.
+            Reflectance weighted by the whole beam; unknown ground counts as black.
         """
         relief = self._relief
         count = count or self._count

@@ -11,7 +11,8 @@ wavefront (a slope of as many radians as it wanders).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal
 
@@ -64,7 +65,7 @@ class FoundShots:
     fwhm_s, amplitude_v : ndarray of float64, shape (n, most)
         Full width, s; amplitude at the converter, V.
     reflectance : ndarray of float64, shape (n,)
-        Mean over what was lit; 0: no light came back.
+        Weighted by the whole beam, unknown ground as black; 0: no light came back.
     saturated : ndarray of int64, shape (n,)
         Samples beyond the converter's range.
     noise : str
@@ -93,7 +94,8 @@ class ShotRows:
         each, and a shot takes one of them from a random place on. Shots that share a window are correlated: a
         share of false detections is then known no better than from so many independent windows.
     generator : {"keyed", "numpy"}
-        Of the random numbers: `sim.keyed`, or NumPy's as `sim.draws` keys it and `Chain` uses it.
+        Of the random numbers: `sim.keyed`, or NumPy's as `sim.draws` keys it. Without shot noise and beam
+        jitter the latter gives the shots of `Chain` one by one, else shots of the same distribution.
 
     Raises
     ------
@@ -127,7 +129,10 @@ class ShotRows:
         for noise in chain.light_noise:
             if isinstance(noise, ShotNoise):
                 self._shot_noise = noise
-                self._light = GridEcho(chain.surface, *place, chain.light_kernel, noise.step_s, 1)
+                # Bins no longer than planned, and a whole number of them in a step of the noise.
+                bin_s = noise.step_s / max(1, math.ceil(noise.step_s / plan.bin_s - 1e-9))
+                finer = (scene.laser, scene.altitude_m, replace(plan, bin_s=bin_s))
+                self._light = GridEcho(chain.surface, *finer, chain.light_kernel, noise.step_s, 1)
             else:
                 self._stationary.append(_light_source(noise, scene.gain, self._interval_s))
         small = scene.truth.small_signal
@@ -293,7 +298,7 @@ class ShotRows:
         first, taps = noise.taps
         for k in range(shots.size):
             draws = self._draws(int(shots[k]))
-            # Keyed by the step in the window, so that a longer row draws the same.
+            # With keyed numbers found by the step in the window: a longer row draws the same.
             white = rms_v[k] * draws.normals("shot_noise", int(begin[k]), width)
             offset = int(low[k]) * noise.steps - int(begin[k]) - first
             volts[k] += polyphase(white, taps, offset, noise.steps, volts.shape[1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -46,6 +47,43 @@ def test_without_noise_and_jitter_rows_find_what_the_chain_finds():
     assert rows.arrival_s[:, 0].std() < 0.4e-9
     assert (rows.found >= 1).all()
     assert not rows.saturated.any()
+
+
+@pytest.mark.parametrize("tolerance", [0.2, 1e-2, 2e-3, 1e-3, 1e-6])
+def test_the_light_of_rows_is_the_chains_at_every_tolerance(tolerance):
+    # Given any number of time bins in a sample, of which few divide a step of the shot noise
+    scene = fractal(shot=True, dark_rms_v=None)
+    scene = structs.replace(
+        scene, laser=structs.replace(scene.laser, jitter_rad=(0.0, 0.0), energy_jitter=0.0)
+    )
+    chain = Chain(scene, Accuracy(tolerance))
+    rows, step_s = ShotRows(chain), chain.light_noise[0].step_s
+    # When both take the photon rate on those steps
+    light = chain.optical(chain.lit())
+    begin_s, end_s = light.span_s
+    count = math.ceil((end_s - begin_s) / step_s)
+    ours = rows._light.samples(np.zeros((1, 2)), np.array([begin_s]), count)[0][0]
+    theirs = light.photon_rate_hz(begin_s, step_s, count)
+    # Then they agree where bins are fine, and in the photons at any tolerance
+    assert ours.sum() == pytest.approx(theirs.sum(), rel=1e-3)
+    if tolerance <= 1e-3:
+        assert np.abs(ours - theirs).max() < 0.02 * theirs.max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance", [0.2, 1e-2, 1e-3])
+def test_shot_noise_spreads_rows_as_it_spreads_the_chain(tolerance):
+    # Given shot noise alone
+    scene = fractal(shot=True, dark_rms_v=None)
+    scene = structs.replace(
+        scene, laser=structs.replace(scene.laser, jitter_rad=(0.0, 0.0), energy_jitter=0.0)
+    )
+    chain = Chain(scene, Accuracy(tolerance))
+    # When 150 shots are taken either way
+    rows = ShotRows(chain).candidates(np.arange(150)).amplitude_v[:, 0]
+    single = np.array([chain.candidates(shot)[0].amplitude_v for shot in range(150)])
+    # Then the spread agrees within 4.5 standard errors
+    assert abs(np.log(rows.std() / single.std())) < 4.5 / np.sqrt(150)
 
 
 def test_with_numpys_numbers_rows_find_what_the_chain_finds_shot_by_shot():
