@@ -221,8 +221,8 @@ class KeyedDraws:
     def coloured(self, effect: str, noise: SampledNoise, count: int) -> NDArray[np.float32]:
         """Return a stretch of noise of unit rms, shape (count,).
 
-        A moving average of the stream's deviates where the filter forgets within some ten samples, else the
-        filter's recursion.
+        A moving average of the stream's deviates where `noise.taps` says that the filter forgets soon enough,
+        else the filter's recursion.
         """
         taps = noise.taps
         if taps is None:

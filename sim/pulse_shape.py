@@ -225,3 +225,24 @@ def _unit_area(times: NDArray[np.float64], values: NDArray[np.float64]) -> NDArr
         raise RefusedInput("a table of a pulse: power must be finite, not negative, and somewhere positive")
     area = np.sum(np.diff(times) * (values[:-1] + values[1:])) / 2
     return np.asarray(values / area)
+
+
+def crossing_s(shape: PulseShape, level: float, inside_s: float, outside_s: float) -> float:
+    """Return the last time on the way out at which a pulse is not below a level, s.
+
+    Parameters
+    ----------
+    shape : PulseShape
+        Falls from `inside_s` to `outside_s`, or rises the other way round.
+    level : float
+        Of its density, 1/s.
+    inside_s, outside_s : float
+        A time at which it is not below, and one at which it is, s.
+    """
+    for _ in range(100):
+        middle_s = (inside_s + outside_s) / 2
+        if float(shape.density(middle_s)) >= level:
+            inside_s = middle_s
+        else:
+            outside_s = middle_s
+    return float(inside_s)

@@ -13,7 +13,7 @@ import numpy as np
 
 from belahil.errors import RefusedInput
 from sim.kernel import Kernel
-from sim.pulse_shape import PulseShape
+from sim.pulse_shape import PulseShape, crossing_s
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,7 +58,7 @@ def cut_pulse(shape: PulseShape, threshold: float) -> PulseShape:
     reach_s = 12 * shape.std_s
     while shape.density(np.array([top_s - reach_s, top_s + reach_s])).max() >= level:
         reach_s *= 2
-    edges = [_crossing(shape, level, top_s, top_s + side * reach_s) for side in (-1, 1)]
+    edges = [crossing_s(shape, level, top_s, top_s + side * reach_s) for side in (-1, 1)]
     around_s = np.linspace(top_s - reach_s, top_s + reach_s, 20 * _POINTS)
     above = around_s[shape.density(around_s) > level]
     if above.size and not edges[0] <= above[0] <= above[-1] <= edges[1]:
@@ -74,16 +74,6 @@ def _top(shape: PulseShape) -> tuple[float, float]:
         values = shape.density(grid_s)
         middle_s, half_s = float(grid_s[values.argmax()]), half_s / 100
     return middle_s, float(values.max())
-
-
-def _crossing(shape: PulseShape, level: float, inside_s: float, outside_s: float) -> float:
-    for _ in range(100):
-        middle_s = (inside_s + outside_s) / 2
-        if float(shape.density(middle_s)) >= level:
-            inside_s = middle_s
-        else:
-            outside_s = middle_s
-    return inside_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -207,11 +207,7 @@ def _effects(
     truth: ReceiverTruth, gain: float, noise: SampledNoise | None, rms_v: float
 ) -> tuple[Effect, ...]:
     """List what happens between filter and quantization at one gain code; what is neutral is not on it."""
-    found: list[Effect] = []
-    if truth.small_signal.deadband_v:
-        found.append(partial(dead_zone, deadband_v=truth.small_signal.deadband_v))
-    if truth.small_signal.cubic_per_v2:
-        found.append(partial(cubic, cubic_per_v2=truth.small_signal.cubic_per_v2))
+    found = small_signal_effects(truth)
     if gain != 1:
         found.append(partial(amplify, gain=gain))
     if noise is not None:
@@ -221,6 +217,16 @@ def _effects(
     if truth.interleave.offset_v:
         found.append(partial(mismatch_offset, offset_v=truth.interleave.offset_v))
     return tuple(found)
+
+
+def small_signal_effects(truth: ReceiverTruth) -> list[Effect]:
+    """List what acts on the input-referred voltage behind the filter, in this order."""
+    found: list[Effect] = []
+    if truth.small_signal.deadband_v:
+        found.append(partial(dead_zone, deadband_v=truth.small_signal.deadband_v))
+    if truth.small_signal.cubic_per_v2:
+        found.append(partial(cubic, cubic_per_v2=truth.small_signal.cubic_per_v2))
+    return found
 
 
 def dead_zone(volts: NDArray[np.float64], draws: Draws, *, deadband_v: float) -> None:

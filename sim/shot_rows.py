@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from belahil.errors import RefusedInput
+from belahil.pole_response import SampledNoise
 from sim.chain_light import lasting_s
 from sim.chain_noise import PoleFilter, ShotNoise, StationaryNoise
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
@@ -26,7 +27,7 @@ from sim.draws import Draws
 from sim.echo import GridEcho
 from sim.keyed import KeyedDraws, first_normals, first_uniforms, loops
 from sim.light_noise import shot_noise_density, white_step_rms_v
-from sim.receiver_model import cubic, dead_zone
+from sim.receiver_model import small_signal_effects
 from sim.reference import polyphase
 from sim.terrain_grid import Grid
 
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from belahil.pole_response import SampledNoise
     from sim.chain import Chain
 
 _TILE = 16
@@ -124,8 +124,8 @@ class ShotRows:
         self._offsets_v = (mismatch.offset_v / 2, -mismatch.offset_v / 2)
         dark_v = scene.truth.noise_rms_v_by_code[_index(chain)]
         if dark_v:
-            filtered = PoleFilter(chain.receiver.poles, chain.receiver.zeros)
-            self._stationary.append(("noise", dark_v, filtered.noise(self._interval_s)))  # type: ignore[arg-type]
+            unit = SampledNoise(chain.receiver.poles, chain.receiver.zeros, self._interval_s)
+            self._stationary.append(("noise", dark_v, unit))
         for noise in chain.light_noise:
             if isinstance(noise, ShotNoise):
                 self._shot_noise = noise
@@ -135,12 +135,7 @@ class ShotRows:
                 self._light = GridEcho(chain.surface, *finer, chain.light_kernel, noise.step_s, 1)
             else:
                 self._stationary.append(_light_source(noise, scene.gain, self._interval_s))
-        small = scene.truth.small_signal
-        self._small: list[Callable[..., None]] = []
-        if small.deadband_v:
-            self._small.append(partial(dead_zone, deadband_v=small.deadband_v))
-        if small.cubic_per_v2:
-            self._small.append(partial(cubic, cubic_per_v2=small.cubic_per_v2))
+        self._small = small_signal_effects(scene.truth)
         if self._small and len(self._stationary) > bool(dark_v):
             raise RefusedInput("rows of shots: sunlight before a small-signal effect needs Chain.candidates")
         self._lowest, self._highest = (_tiles(self._relief, pick) for pick in (np.min, np.max))
@@ -202,7 +197,7 @@ class ShotRows:
         pooled = self._places_in_pool(shots)
         for k in range(shots.size):
             for effect in self._small:
-                effect(volts[k], None)
+                effect(volts[k], Draws(chain.scene.seed, int(shots[k])))
             volts[k] *= self._gain
             begin, end = max(0, int(low[k])), min(size, int(low[k]) + width)
             inside = volts[k, begin - int(low[k]) : max(end, begin) - int(low[k])]
@@ -251,12 +246,12 @@ class ShotRows:
 
     def _drawn(self, shot: int, size: int, prefix: str = "") -> NDArray[np.float32]:
         """Stationary noise at the converter."""
-        draws, noise = self._draws(shot), np.zeros(size, dtype=np.float32)
+        draws, noise = self._draws(shot), None
         for effect, rms_v, unit in self._stationary:
             drawn = draws.coloured(prefix + effect, unit, size)
             drawn *= np.float32(rms_v)
-            noise = drawn if len(self._stationary) == 1 else noise + drawn
-        return noise
+            noise = drawn if noise is None else noise + drawn
+        return np.zeros(size, dtype=np.float32) if noise is None else noise
 
     def _window(
         self, shot: int, place: NDArray[np.int64], echo_v: NDArray[np.float64], begin: int, size: int

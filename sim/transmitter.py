@@ -25,6 +25,7 @@ import numpy as np
 
 from belahil.errors import ConfigError
 from belahil.stimuli import SampledPulse
+from sim.pulse_shape import crossing_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -105,8 +106,8 @@ class Transmitter:
         density = shape.density(times_s)
         least = lowest * float(density.max())
         first, last = np.flatnonzero(density >= least)[[0, -1]]
-        begin_s = _crossing_s(shape, least, times_s[first], times_s[max(first - 1, 0)])
-        end_s = _crossing_s(shape, least, times_s[last], times_s[min(last + 1, times_s.size - 1)])
+        begin_s = crossing_s(shape, least, times_s[first], times_s[max(first - 1, 0)])
+        end_s = crossing_s(shape, least, times_s[last], times_s[min(last + 1, times_s.size - 1)])
         count = int(last - first) + 3
         relative = shape.density(np.linspace(begin_s, end_s, count)) / density.max()
         # Rounding must not cost the end points, where a hard cut jumps.
@@ -137,14 +138,3 @@ def _places_s(shape: PulseShape) -> NDArray[np.float64]:
         step_s = shape.std_s / (4 * _POINTS_IN_SCALE)
         begin_s, end_s = shape.times_s[0] - step_s, shape.times_s[-1] + step_s
     return np.linspace(begin_s, end_s, math.ceil((end_s - begin_s) / step_s) + 1)
-
-
-def _crossing_s(shape: PulseShape, least: float, inside_s: float, outside_s: float) -> float:
-    """Return the last time on the way out at which the density is not below `least`, s."""
-    for _ in range(40):
-        middle_s = (inside_s + outside_s) / 2
-        if shape.density(middle_s) >= least:
-            inside_s = middle_s
-        else:
-            outside_s = middle_s
-    return float(inside_s)
