@@ -17,11 +17,14 @@ if TYPE_CHECKING:
 
 Trigger = Literal["immediate", "generator", "digitizer"]
 Source = Literal["return", "transmit"]
-Products = Literal["window", "candidates", "correlation_windows"]
+Products = Literal["window", "candidates", "correlation_windows", "window_and_candidates"]
 
 TRIGGERS: tuple[Trigger, ...] = ("immediate", "generator", "digitizer")
 SOURCES: tuple[Source, ...] = ("return", "transmit")
-PRODUCTS: tuple[Products, ...] = ("window", "candidates", "correlation_windows")
+PRODUCTS: tuple[Products, ...] = ("window", "candidates", "correlation_windows", "window_and_candidates")
+"""Their order is that of the numbers on the GRM link."""
+WITH_SAMPLES = frozenset({"window", "window_and_candidates"})
+WITH_CORRELATION_WINDOWS = frozenset({"correlation_windows", "window_and_candidates"})
 
 _NOTHING: Mapping[str, float] = MappingProxyType({})
 
@@ -63,9 +66,10 @@ class WindowRequest:
         Who starts the window. The bench fills this in from the stimulus.
     source : {"return", "transmit"}
         The return channel, or the laser's own pulse.
-    products : {"window", "candidates", "correlation_windows"}
+    products : {"window", "candidates", "correlation_windows", "window_and_candidates"}
         What to report: all samples; what the range finder found, without samples; the same with the samples
-        round each.
+        round each; all samples of one window and what the range finder found in it, with the samples round
+        each.
     """
 
     shot: int

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from belahil.errors import CorruptData
+from belahil.values import WITH_CORRELATION_WINDOWS, WITH_SAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,7 +51,7 @@ def check_window(window: RangeWindow, request: WindowRequest, spec: DigitizerSpe
 def _of_the_request(window: RangeWindow, request: WindowRequest) -> Iterator[str]:
     if window.gain_code != request.gain_code:
         yield f"asked for gain code {request.gain_code}, it has {window.gain_code}"
-    due = request.sample_count if request.products == "window" else 0
+    due = request.sample_count if request.products in WITH_SAMPLES else 0
     if window.counts.size != due:
         yield f"asked for {due} samples, {window.counts.size} came"
     if window.saturated > request.sample_count:
@@ -62,7 +63,7 @@ def _of_the_request(window: RangeWindow, request: WindowRequest) -> Iterator[str
                 f"candidate {number} with the samples from {found.first_sample} to before {end}; "
                 f"allowed: within the {request.sample_count} that were asked for"
             )
-        if request.products != "window" and (size > 0) != (request.products == "correlation_windows"):
+        if request.products != "window" and (size > 0) != (request.products in WITH_CORRELATION_WINDOWS):
             yield f"asked for products {request.products}, candidate {number} has {size} counts"
 
 

@@ -58,7 +58,7 @@ class SimulateOptions:
         As in `sim.accuracy.Accuracy`.
     shots : int
         Whole windows with the noise of the scene.
-    products : {"window", "candidates", "correlation_windows"}
+    products : {"window", "candidates", "correlation_windows", "window_and_candidates"}
         What of each the receiver reports into the data file; see `sim.rfm.RangeFinder.report`.
 
     Raises
@@ -136,7 +136,7 @@ class Simulation:
         Of the scene.
     shots : tuple of Shot
         Whole windows with their candidates; `played` is the mean echo at the cut.
-    products : {"window", "candidates", "correlation_windows"}
+    products : {"window", "candidates", "correlation_windows", "window_and_candidates"}
         As in `SimulateOptions`.
     """
 

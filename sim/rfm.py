@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 import numpy as np
 
 from belahil.errors import RefusedInput
-from belahil.values import Candidate
+from belahil.values import WITH_CORRELATION_WINDOWS, WITH_SAMPLES, Candidate
 from sim.template_bank import TemplateBank
 
 if TYPE_CHECKING:
@@ -182,12 +182,12 @@ class RangeFinder:
         ----------
         window : RangeWindow
             As digitized.
-        products : {"window", "candidates", "correlation_windows"}
+        products : {"window", "candidates", "correlation_windows", "window_and_candidates"}
             The whole window with its candidates; the candidates without any window; the candidates with
-            their correlation windows. Without a window the counts are empty.
+            their correlation windows; those and the whole window. Without a window the counts are empty.
         """
-        found = self.candidates(window, with_samples=products == "correlation_windows")
-        if products == "window":
+        found = self.candidates(window, with_samples=products in WITH_CORRELATION_WINDOWS)
+        if products in WITH_SAMPLES:
             return replace(window, candidates=found)
         nothing = np.zeros(0, dtype=np.int16)
         nothing.setflags(write=False)

@@ -11,7 +11,7 @@ from grm_cases import a_window
 
 from belahil.errors import InstrumentRefused
 from belahil.receiver import DigitizerSpec
-from belahil.values import RangeWindow, WindowRequest
+from belahil.values import WITH_SAMPLES, RangeWindow, WindowRequest
 from sim.devices.grm import GrmDevice
 
 SPEC = DigitizerSpec(80e6, 12, 2, 16064, tuple(range(16)), products=("window", "candidates"))
@@ -61,7 +61,7 @@ def window_for(request: WindowRequest) -> RangeWindow:
     return replace(
         a_window(request.shot, 1),
         candidates=(replace(found, correlation_window=()) if request.products == "candidates" else found,),
-        counts=counts if request.products == "window" else counts[:0],
+        counts=counts if request.products in WITH_SAMPLES else counts[:0],
         start_s=round(request.delay_s * SPEC.sample_rate_hz) / SPEC.sample_rate_hz,
         gain_code=request.gain_code,
         saturated=0,

@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as stnp
 
 from belahil.grm_link import framed, segments, telemetry
 from belahil.receiver import DigitizerSpec
-from belahil.values import Candidate, RangeWindow, WindowRequest
+from belahil.values import PRODUCTS, Candidate, RangeWindow, WindowRequest
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 scales = st.floats(min_value=1e-300, allow_infinity=False, exclude_min=False)
@@ -52,7 +52,7 @@ requests = st.builds(
     delay_s=numbers,
     trigger=st.sampled_from(["immediate", "generator", "digitizer"]),
     source=st.sampled_from(["return", "transmit"]),
-    products=st.sampled_from(["window", "candidates", "correlation_windows"]),
+    products=st.sampled_from(PRODUCTS),
 )
 
 specs = st.builds(

@@ -193,7 +193,7 @@ ARM = telecommand(Verb.ARM, 0, WindowRequest(shot=1)).data
         (Telecommand(200, Verb.ARM, 0, ARM[:-1]), Reason.MALFORMED),
         (Telecommand(200, Verb.ARM, 0, ARM[:5] + b"\x03" + ARM[6:]), Reason.TRIGGER),
         (Telecommand(200, Verb.ARM, 0, ARM[:6] + b"\x02" + ARM[7:]), Reason.SOURCE),
-        (Telecommand(200, Verb.ARM, 0, ARM[:7] + b"\x03" + ARM[8:]), Reason.PRODUCTS),
+        (Telecommand(200, Verb.ARM, 0, ARM[:7] + b"\x04" + ARM[8:]), Reason.PRODUCTS),
         (Telecommand(200, Verb.ARM, 0, ARM[:12] + b"\x7f\xf8" + bytes(6)), Reason.DELAY),
     ],
 )

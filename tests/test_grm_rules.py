@@ -89,6 +89,8 @@ def test_counts_of_a_candidate_keep_to_the_same_span() -> None:
             "candidate 1 with the samples from 3 to before 5; allowed: within the 4 that were asked for",
         ),
         ("window", Candidate(1e-8, 1e-8, 0.1, (), 4), None),
+        ("window_and_candidates", Candidate(1e-8, 1e-8, 0.1, (1, 2), 2), None),
+        ("window_and_candidates", Candidate(1e-8, 1e-8, 0.1), "candidate 1 has 0 counts"),
         ("window", Candidate(1e-8, 1e-8, 0.1, (), 5), "candidate 1 with the samples from 5 to before 5"),
     ],
 )

@@ -352,6 +352,9 @@ def test_products_are_what_was_asked_for() -> None:
     assert whole.counts is window.counts
     assert (bare.counts.size, cut.counts.size) == (0, 0)
     assert whole.candidates == bare.candidates
+    both = finder.report(window, "window_and_candidates")
+    assert both.counts is window.counts
+    assert both.candidates == cut.candidates
     # and the first candidate is the pulse, with the counts round it
     first = cut.candidates[0]
     assert first.arrival_s == pytest.approx(5000.25 * INTERVAL_S, abs=0.2e-9)

@@ -73,7 +73,7 @@ def test_equal_seeds_give_equal_windows_and_candidates_on_every_link() -> None:
             bench.measure(Sine(1e6, 0.05), WindowRequest(90, 4, 500))
             return [
                 bench.measure(TransmittedPulse(), asked(10 * place + code, 300, products=products))
-                for place, products in enumerate(("window", "candidates", "correlation_windows"))
+                for place, products in enumerate(PRODUCTS)
                 for code in (0, 4)
             ]
 

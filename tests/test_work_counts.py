@@ -24,7 +24,7 @@ from belahil.grm_link import MAX_PACKET_BYTES
 from belahil.journal import Journal
 from belahil.run import Run
 from belahil.stimuli import NoSignal
-from belahil.values import WindowRequest
+from belahil.values import PRODUCTS, WindowRequest
 from drivers.serial_link import SerialLink
 from drivers.usb_link import UsbLink
 from drivers.visa_link import VisaLink
@@ -182,7 +182,7 @@ def test_candidates_cost_the_link_no_samples(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(UsbLink, "read", taken)
     asked = "opening"
     with open_bench(usb(load_bench("emulated"))) as bench:
-        for shot, products in enumerate(("candidates", "correlation_windows", "window")):
+        for shot, products in enumerate(PRODUCTS):
             asked = products
             window = bench.measure(NoSignal(), WindowRequest(shot, 4, products=products)).window
             assert len(window.candidates) == (0 if products == "window" else 4)
@@ -190,6 +190,9 @@ def test_candidates_cost_the_link_no_samples(monkeypatch: pytest.MonkeyPatch) ->
     assert octets["candidates"] == 26 + 38 + 48 + 4 * 30 + 1
     assert octets["correlation_windows"] == octets["candidates"] + 4 * 2 * 42
     assert octets["window"] > 2 * 16064
+    # and both at once what the samples cost and what the candidates cost
+    searched = octets["correlation_windows"] - 26 - 38 - 48 - 1
+    assert octets["window_and_candidates"] == octets["window"] + searched
 
 
 def test_a_stimulus_is_checked_once_for_the_plan_and_once_when_it_is_set(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.option("--shots", type=click.IntRange(min=1), metavar="N", help="Whole windows with noise; 10.")
 @click.option(
     "--products",
-    type=click.Choice(("window", "candidates", "correlation_windows")),
+    type=click.Choice(("window", "candidates", "correlation_windows", "window_and_candidates")),
     help="What the receiver reports of each window into data.nc; window.",
 )
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Goes before the scene's seed.")
