@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.values import Estimate
+    from belahil.verdict import Check
 
     Column = tuple[NDArray[Any], str, str]
     """Array of shape (n,) or (n, m), its SI unit, and what it is in a few words."""
@@ -122,6 +123,8 @@ class Outcome:
         Sentences for the report: conditions, and what is not modelled.
     verdict_values : mapping of str to sequence of (label, Estimate or None)
         For each key of ``[limits]`` what is compared with it; None where nothing was measured.
+    checks : sequence of Check
+        What the procedure itself compares and decides, whatever ``[limits]`` holds; the verdict covers both.
     """
 
     results: dict[str, Any]
@@ -132,3 +135,4 @@ class Outcome:
     conditions: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
     verdict_values: Mapping[str, Sequence[tuple[str, Estimate | None]]] = field(default_factory=dict)
+    checks: Sequence[Check] = ()

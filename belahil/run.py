@@ -305,7 +305,7 @@ class Run:
         """
         from belahil.results import write_results
 
-        found = checks(self.config.limits, outcome.verdict_values)
+        found = [*outcome.checks, *checks(self.config.limits, outcome.verdict_values)]
         summary = {
             "schema": SCHEMA,
             "procedure": self.begun.procedure,

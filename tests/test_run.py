@@ -19,7 +19,8 @@ from belahil.config import BenchConfig, DigitizerTable, GeneratorTable, LimitsTa
 from belahil.errors import RefusedInput, StorageError
 from belahil.run import Run
 from belahil.run_folder import claim
-from belahil.values import Shot, WindowRequest
+from belahil.values import Estimate, Shot, WindowRequest
+from belahil.verdict import Check, Decision
 
 TESTS = Path(__file__).resolve().parent
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
@@ -278,6 +279,28 @@ def test_limits_give_a_verdict(tmp_path: Path, span: tuple[float, float], verdic
     ]
     assert verdict in [one["verdict"] for one in summary["checks"]]
     assert summary["checks"][1]["verdict"] == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("own", "span", "verdict"),
+    [
+        ("fail", (0.0, 9.0), "fail"),
+        ("pass", (8.0, 9.0), "fail"),
+        ("pass", (0.0, 9.0), "pass"),
+        ("undecided", None, "undecided"),
+    ],
+)
+def test_what_a_procedure_decides_itself_counts_for_the_verdict(
+    tmp_path: Path, own: Decision, span: tuple[float, float] | None, verdict: str
+) -> None:
+    # Given a check of the procedure's own beside what [limits] asks, if anything
+    check = Check("agreement", "all", 0.0, 1.0, None, own)
+    limits = None if span is None else LimitsTable(gain=span)
+    with begin(tmp_path / "run", BenchConfig(limits=limits)) as run:
+        summary = run.finish(outcome(checks=[check], verdict_values={"gain": [("all", Estimate(5.0, 0.1))]}))
+    # Then it stands first, and both decide
+    assert summary["verdict"] == verdict
+    assert [one["limit"] for one in summary["checks"]] == ["agreement"] + ["gain"] * (span is not None)
 
 
 def test_a_limit_without_an_end_is_null_in_the_summary(tmp_path: Path) -> None:
