@@ -24,7 +24,7 @@ from belahil.errors import (
     RefusedInput,
     StaleData,
 )
-from belahil.generators import SOURCE_OHM, open_circuit
+from belahil.generators import SOURCE_OHM, behind_output, open_circuit
 from belahil.stimuli import SampledPulse, Stimulus, TransmittedPulse, largest_volts, scaled
 from belahil.values import Shot, Trigger, WindowRequest
 
@@ -242,7 +242,8 @@ class Bench:
     def _prepare(self, stimulus: Stimulus, trigger: Trigger) -> None:
         factor = self.setting_per_cut_volt
         self._prepared = None
-        played = scaled(self._generator.prepare(scaled(stimulus, factor), trigger), 1 / factor)
+        prepared = self._generator.prepare(scaled(stimulus, factor), trigger)
+        played = scaled(behind_output(prepared, self.config.generator.bandwidth_hz), 1 / factor)
         self._interlock(played)
         self._generator.output(True)
         self._played, self._prepared = played, (stimulus, trigger)

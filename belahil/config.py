@@ -35,13 +35,15 @@ class GeneratorUncertainty(Strict, frozen=True):
     """``[generator] uncertainty``: declared standard uncertainties, taken into every budget.
 
     `amplitude_v` is volts peak to peak of the generator's setting; `flatness_relative` is the relative
-    change of amplitude between DC and 40 MHz, linear in frequency.
+    change of amplitude between DC and 40 MHz, linear in frequency; `bandwidth_relative` is that of
+    ``bandwidth_hz``.
     """
 
     amplitude_relative: NotNegative = 0.0
     amplitude_v: NotNegative = 0.0
     flatness_relative: NotNegative = 0.0
     attenuation_db: NotNegative = 0.0
+    bandwidth_relative: NotNegative = 0.0
 
 
 class GeneratorTable(Strict, frozen=True):
@@ -53,6 +55,7 @@ class GeneratorTable(Strict, frozen=True):
     load_ohm: Positive = 50.0
     attenuation_db: Annotated[float, Meta(ge=0, le=200)] = 0.0
     max_vpp: Positive = 0.5
+    bandwidth_hz: Positive = math.inf  # not known: what is played is taken for unfiltered
     uncertainty: GeneratorUncertainty = GeneratorUncertainty()
 
 

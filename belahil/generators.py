@@ -9,6 +9,7 @@ are here too.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,6 +44,7 @@ __all__ = [
     "GeneratorModel",
     "GeneratorSetting",
     "TriggerSource",
+    "behind_output",
     "dac_codes",
     "model_of",
     "on_grid",
@@ -239,3 +241,23 @@ def on_grid(
     if isinstance(stimulus, NoSignal | TransmittedPulse):
         return stimulus
     return stimulus_of(setting_for(stimulus, model, load_ohm, trigger))
+
+
+def behind_output(stimulus: Stimulus, bandwidth_hz: float) -> Stimulus:
+    """Return what leaves an output stage of one pole.
+
+    Parameters
+    ----------
+    stimulus : Stimulus
+        Before it.
+    bandwidth_hz : float
+        -3 dB frequency; ``inf`` for a stage that changes nothing.
+    """
+    if math.isinf(bandwidth_hz):
+        return stimulus
+    if isinstance(stimulus, Sine):
+        passed = 1 / math.hypot(1, stimulus.frequency_hz / bandwidth_hz)
+        return replace(stimulus, amplitude_vpp=stimulus.amplitude_vpp * passed)
+    if isinstance(stimulus, SampledPulse):
+        return replace(stimulus, poles=(*stimulus.poles, complex(-2 * math.pi * bandwidth_hz)))
+    return stimulus

@@ -22,9 +22,11 @@ visa_library = ""            # empty: PyVISA chooses
 load_ohm = 50                # the generator's load setting; inf is allowed
 attenuation_db = 0.0         # matched 50-ohm pad between generator and cut
 max_vpp = 0.5                # interlock: largest span at the cut, offset included
+bandwidth_hz = inf           # of the output, one pole, where it was measured; inf takes it for unfiltered
 # Declared standard uncertainties, taken into every budget: of the amplitude (relative, and in V peak to peak
-# of the setting), of its change between DC and 40 MHz, and of the attenuator.
-uncertainty = {{ amplitude_relative = 0.0, amplitude_v = 0.0, flatness_relative = 0.0, attenuation_db = 0.0 }}
+# of the setting), of its change between DC and 40 MHz, of the attenuator, and of the bandwidth (relative).
+uncertainty = {{ amplitude_relative = 0.0, amplitude_v = 0.0, flatness_relative = 0.0, attenuation_db = 0.0, \
+bandwidth_relative = 0.0 }}
 
 [digitizer]
 driver = "grm"
