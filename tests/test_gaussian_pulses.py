@@ -15,7 +15,7 @@ from belahil.errors import RefusedInput
 from belahil.generators import MODELS, on_grid
 from belahil.stimuli import SampledPulse
 from belahil.values import WindowRequest
-from procedures.gaussian_pulses import earliest_centre_s, gaussian_pulse
+from procedures.gaussian_pulses import TrainPulse, earliest_centre_s, gaussian_pulse, gaussian_train
 
 NS = 1e-9
 NAMES = ("33522B", "33611A", "33622A")
@@ -70,6 +70,32 @@ def test_a_pulse_as_wide_as_a_memory_takes_fewer_points() -> None:
 
     assert pulse.volts.size < 1500
     assert pulse.sample_rate_hz == pytest.approx(256e3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_train_is_the_sum_of_its_pulses(name: str) -> None:
+    # given pulses of several widths, two of which overlap, and one that points down
+    model = MODELS[name]
+    pulses = [
+        TrainPulse(60 * NS, 0.1, 400 * NS),
+        TrainPulse(12 * NS, 0.08, 1011.3 * NS),
+        TrainPulse(25 * NS, -0.05, 1030 * NS),
+    ]
+    # when
+    one = played(gaussian_train(pulses, model), name)
+    # then between the points it is their sum, to straight lines of the narrowest and a step
+    times_s = np.linspace(0.0, 1.6e-6, 5001)
+    wanted = sum(
+        pulse.peak_v * np.exp(-4 * math.log(2) * ((times_s - pulse.centre_s) / pulse.fwhm_s) ** 2)
+        for pulse in pulses
+    )
+    line = math.log(2) / (one.sample_rate_hz * 12 * NS) ** 2
+    assert np.max(np.abs(one.at(times_s) - wanted)) < 0.1 * (1.6 * line + 2.0 ** (2 - model.dac_bits))
+
+
+def test_a_train_of_nothing_is_refused() -> None:
+    with pytest.raises(RefusedInput, match="no pulses"):
+        gaussian_train([], MODELS["33522B"])
 
 
 def test_a_bench_plays_it() -> None:
