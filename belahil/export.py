@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from belahil.export_candidates import FoundCandidates
+from belahil.export_pulses import PlayedPulses
 from belahil.export_tables import NO_FLOAT, write_numbers, write_table
 from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse, largest_volts
 from belahil.storage import replacing, reserve
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.outcome import Number, Table
+    from belahil.receiver import DigitizerSpec
     from belahil.values import Shot
 
 CONVENTIONS = "CF-1.11"
@@ -135,6 +137,7 @@ def write_data(
     tables: Mapping[str, Table],
     summary: Mapping[str, Any],
     numbers: Mapping[str, Number] | None = None,
+    digitizer: DigitizerSpec | None = None,
 ) -> None:
     """Write the data file; memory holds a few windows at a time.
 
@@ -150,6 +153,8 @@ def write_data(
         As ``summary.json`` says it; title, source and history are taken from it.
     numbers : mapping of str to (Estimate or None, what it is), or None
         Results that are a single number; each is a variable without dimension.
+    digitizer : DigitizerSpec or None
+        What the receiver reported of itself; global attributes of the file.
 
     Raises
     ------
@@ -158,19 +163,24 @@ def write_data(
     """
     import h5netcdf
 
-    found = FoundCandidates()
-    scalars, housekeeping, longest, ragged = _collected(shots, found)
-    held = found.nbytes + sum(data.nbytes for data in [*scalars.values(), *housekeeping.values()])
+    found, pulses = FoundCandidates(), PlayedPulses()
+    scalars, housekeeping, longest, ragged = _collected(shots, found, pulses)
+    held = (
+        found.nbytes
+        + pulses.nbytes
+        + sum(data.nbytes for data in [*scalars.values(), *housekeeping.values()])
+    )
     held += sum(column[0].nbytes for table in tables.values() for column in table.columns.values())
     with replacing(path) as temporary:
         # A full disk must be found now: HDF5 crashes when it cannot write what it still holds at its end.
         reserve(temporary, int(1.02 * (2 * len(shots) * longest + held)) + SLACK_BYTES)
         with h5netcdf.File(temporary, "w") as file:
-            file.attrs.update(_attributes(summary))
+            file.attrs.update(_attributes(summary) | _of_digitizer(digitizer))
             file.dimensions = {"shot": len(shots), "sample": max(longest, 1)}
             _write_scalars(file, scalars, housekeeping)
             _write_counts(file, shots, max(longest, 1), ragged)
             found.write(file, NO_COUNT)
+            pulses.write(file)
             for name, table in tables.items():
                 write_table(file, name, table)
             write_numbers(file, numbers or {})
@@ -197,11 +207,11 @@ def _write_scalars(
 
 
 def _collected(
-    shots: ManyShots, found: FoundCandidates
+    shots: ManyShots, found: FoundCandidates, pulses: PlayedPulses
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.float64]], int, bool]:
     """Read all but the counts: per-shot values, housekeeping, longest window, whether lengths differ.
 
-    Candidates go to `found`.
+    Candidates go to `found`, sampled pulses to `pulses`.
     """
     columns: dict[str, list[Any]] = {variable.name: [] for variable in _VARIABLES}
     housekeeping: dict[str, NDArray[np.float64]] = {}
@@ -209,6 +219,7 @@ def _collected(
         for variable in _VARIABLES:
             columns[variable.name].append(variable.of(shot))
         found.add(shot.window.candidates)
+        pulses.add(shot.played)
         for name, value in shot.window.housekeeping.items():
             housekeeping.setdefault(name, np.full(len(shots), NO_FLOAT))[row] = value
     lengths = set(columns["sample_count"])
@@ -252,4 +263,15 @@ def _attributes(summary: Mapping[str, Any]) -> dict[str, str]:
         f"{summary['procedure']}, begun {summary['started']}; {said}",
         "comment": f"{said}. Voltages of stimuli are voltages at the cut, the receiver's input connector.",
         "verdict": summary["verdict"],
+        "bench": summary["source"],
+        **{f"instrument_{part}": identity for part, identity in summary["instruments"].items()},
     }
+
+
+def _of_digitizer(spec: DigitizerSpec | None) -> dict[str, Any]:
+    if spec is None:
+        return {}
+    names = ("sample_rate_hz", "bits", "converters", "max_sample_count")
+    found: dict[str, Any] = {f"digitizer_{name}": getattr(spec, name) for name in names}
+    found["digitizer_products"] = " ".join(spec.products)
+    return found if spec.gain_codes is None else found | {"digitizer_gain_codes": list(spec.gain_codes)}

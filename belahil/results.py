@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from belahil.export import ManyShots
     from belahil.outcome import Outcome
+    from belahil.receiver import DigitizerSpec
     from belahil.verdict import Check
 
 
@@ -25,6 +26,7 @@ def write_results(
     conditions: Mapping[str, str],
     not_modelled: Sequence[str],
     tell: Callable[[str], None] = lambda step: None,
+    digitizer: DigitizerSpec | None = None,
 ) -> None:
     """Write ``data.nc``, the figures, ``report.json`` and ``report.html``.
 
@@ -46,6 +48,8 @@ def write_results(
         What an emulation or simulation leaves out.
     tell : callable
         Told what begins: "writing", "drawing".
+    digitizer : DigitizerSpec or None
+        What the receiver reported of itself.
 
     Raises
     ------
@@ -56,7 +60,7 @@ def write_results(
     from belahil.report import material, save_figures, write_page
 
     tell("writing")
-    write_data(folder / "data.nc", shots, outcome.tables, summary, outcome.numbers)
+    write_data(folder / "data.nc", shots, outcome.tables, summary, outcome.numbers, digitizer)
     told = material(outcome, checks, {**conditions, **outcome.conditions}, not_modelled)
     tell("drawing")
     told["figures"] = save_figures(folder, outcome.figures, summary["source"])

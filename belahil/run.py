@@ -19,6 +19,7 @@ from belahil.errors import RefusedInput, StorageError
 from belahil.fingerprint import difference, facts, fingerprint, plain
 from belahil.journal import Journal
 from belahil.provenance import belahil_version, command_line, software
+from belahil.receiver import DigitizerSpec
 from belahil.run_folder import claim, journal_of, lock, read_bench, write_bench
 from belahil.storage import write_whole
 from belahil.verdict import checks, overall
@@ -68,6 +69,10 @@ class Begun(Struct, frozen=True):
         Who answered.
     facts : dict
         What must be unchanged in a resume; see `belahil.fingerprint`.
+    digitizer : DigitizerSpec or None
+        What the receiver reported of itself.
+    recorded : str
+        Data file whose windows this run analyses in place of measuring; else empty.
     """
 
     procedure: str
@@ -78,6 +83,8 @@ class Begun(Struct, frozen=True):
     source: str
     instruments: dict[str, str]
     facts: dict[str, Any]
+    digitizer: DigitizerSpec | None = None
+    recorded: str = ""
 
 
 class Run:
@@ -115,6 +122,8 @@ class Run:
         plan: Mapping[str, Any] | None = None,
         instruments: Mapping[str, str] | None = None,
         source: str = "",
+        digitizer: DigitizerSpec | None = None,
+        recorded: str | Path = "",
         sync: bool = True,
     ) -> Run:
         """Begin a run in a new or empty folder.
@@ -137,6 +146,10 @@ class Run:
             Who answered.
         source : str
             ``simulated``, ``emulated`` or ``hardware``; that of `config` when empty.
+        digitizer : DigitizerSpec or None
+            What the receiver reported of itself.
+        recorded : str or Path
+            Data file whose windows are analysed in place of measuring.
         sync : bool
             Wait for the disk after each shot.
 
@@ -161,6 +174,8 @@ class Run:
                 source=source or config.source,
                 instruments=dict(instruments or {}),
                 facts=facts(procedure, plan or {}, config, seed),
+                digitizer=digitizer,
+                recorded=str(Path(recorded).absolute()) if recorded else "",
             )
             journal = Journal.create(journal_of(folder), plain(begun), sync=sync)
             undo.pop_all()
@@ -322,7 +337,9 @@ class Run:
         text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
         conditions = {"fingerprint": self.fingerprint, **(conditions or {})}
         shots = self.shots()
-        write_results(self.folder, summary, shots, outcome, found, conditions, not_modelled, tell=tell)
+        write_results(
+            self.folder, summary, shots, outcome, found, conditions, not_modelled, tell, self.begun.digitizer
+        )
         self.log(f"finished with {len(self._journal)} shots, verdict {summary['verdict']}")
         write_whole(self.folder / "summary.json", text)
         return summary

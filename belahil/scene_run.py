@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from belahil.outcome import Outcome
+    from belahil.receiver import DigitizerSpec
     from belahil.values import Shot
 
 SCENE_HEADER = "# The scene as this run used it.\n\n"
@@ -68,8 +69,11 @@ class SceneRun:
         shots: Sequence[Shot],
         conditions: Mapping[str, str],
         not_modelled: Sequence[str] = (),
+        digitizer: DigitizerSpec | None = None,
     ) -> dict[str, Any]:
         """Write data file, figures, report and, last, the summary; return the summary.
+
+        `digitizer` says what the receiver is, for who reads the windows again.
 
         Raises
         ------
@@ -91,7 +95,7 @@ class SceneRun:
             "results": outcome.results,
         }
         text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-        write_results(self.folder, summary, shots, outcome, (), conditions, not_modelled)
+        write_results(self.folder, summary, shots, outcome, (), conditions, not_modelled, digitizer=digitizer)
         self._log(f"finished with {len(shots)} shots")
         write_whole(self.folder / "summary.json", text)
         return summary

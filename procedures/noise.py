@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from belahil.bench import Bench
     from belahil.config import BenchConfig
     from belahil.receiver import DigitizerSpec
+    from belahil.recorded import RecordedWindows
 
 DARK_WINDOWS = 16
 
@@ -107,6 +108,32 @@ def plan(bench: Bench, options: NoiseOptions) -> NoisePlan:
     return made
 
 
+def recorded_plan(recorded: RecordedWindows, options: NoiseOptions) -> NoisePlan:
+    """Take the silent windows of a data file, at the wanted gain codes or at all that it has.
+
+    Raises
+    ------
+    RefusedInput
+        It has none at a code that is wanted.
+    LimitExceeded
+        They are too short.
+    """
+    silent = [row for row in range(len(recorded)) if isinstance(recorded.played(row), NoSignal)]
+    there = [recorded.request(row) for row in silent]
+    codes = tuple(dict.fromkeys(one.gain_code for one in there))
+    wanted = codes if options.codes is None else options.codes
+    missing = [code for code in wanted if code not in codes]
+    if missing or not codes:
+        raise RefusedInput(f"{recorded.path}: no window without a signal at gain code {missing or 'any'}")
+    spec = recorded.spec
+    least = min(one.sample_count for one in there)
+    if least < LEAST_SAMPLES:
+        raise LimitExceeded(
+            f"{recorded.path}: windows of {least} samples: at least {LEAST_SAMPLES} are needed"
+        )
+    return NoisePlan(wanted, len(there) // len(codes), least, spec.converters, spec.bits)
+
+
 def gain_codes(known: tuple[int, ...] | None, wanted: tuple[int, ...] | None) -> tuple[int | None, ...]:
     """Return the gain codes to measure: the wanted ones, all known ones, or a single None.
 
@@ -159,7 +186,8 @@ def analyse(plan: NoisePlan, shots: Iterable[Shot], config: BenchConfig) -> Outc
     """
     windows: dict[int | None, list[RangeWindow]] = {code: [] for code in plan.codes}
     for shot in shots:
-        windows[shot.window.gain_code].append(with_clipping(shot, plan.bits).window)
+        if isinstance(shot.played, NoSignal) and shot.window.gain_code in windows:
+            windows[shot.window.gain_code].append(with_clipping(shot, plan.bits).window)
     found = {code: dark_noise(ones, plan.converters) for code, ones in windows.items()}
     return Outcome(
         results={

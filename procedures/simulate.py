@@ -19,7 +19,7 @@ from belahil.errors import RefusedInput
 from belahil.pulse_fit import gaussian_fit
 from belahil.run import utc_now
 from belahil.stimuli import SampledPulse
-from belahil.values import Shot
+from belahil.values import PRODUCTS, Shot
 from sim.accuracy import Accuracy
 from sim.chain import Chain
 from sim.laser import beam_sigma_m, photon_number
@@ -64,7 +64,7 @@ class SimulateOptions:
     Raises
     ------
     RefusedInput
-        No shot, or a tolerance outside its range.
+        No shot, a tolerance outside its range, or products that do not exist.
     """
 
     tolerance: float = Accuracy().tolerance
@@ -75,6 +75,8 @@ class SimulateOptions:
         Accuracy(self.tolerance)
         if self.shots < 1:
             raise RefusedInput(f"{self.shots} shots: at least 1 is needed")
+        if self.products not in PRODUCTS:
+            raise RefusedInput(f"products {self.products!r}: allowed are {', '.join(PRODUCTS)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

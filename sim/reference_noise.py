@@ -33,7 +33,8 @@ def coloured(key: Key, taps: NDArray[np.float32], count: int) -> NDArray[np.floa
     The first tap weighs the newest deviate.
     """
     white = normals(key, 0, count + taps.size - 1)
-    return np.convolve(white, taps, mode="valid")
+    # With fewer deviates than taps NumPy would swap the two.
+    return np.convolve(white, taps, mode="valid")[:count]
 
 
 def digitized(

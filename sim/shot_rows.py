@@ -154,9 +154,13 @@ class ShotRows:
         -------
         FoundShots
         """
-        numbers = np.atleast_1d(np.asarray(shots, dtype=np.int64))
-        if numbers.ndim != 1 or (numbers.size and numbers.min() < 0):
-            raise RefusedInput(f"shots of shape {numbers.shape}: a row of numbers from 0 on is allowed")
+        given = np.atleast_1d(np.asarray(shots))
+        if given.ndim != 1 or (given.size and (given.dtype.kind not in "iu" or given.min() < 0)):
+            raise RefusedInput(
+                f"shots of type {given.dtype} and shape {given.shape}: "
+                "a row of whole numbers from 0 on is allowed"
+            )
+        numbers = given.astype(np.int64)
         places = np.zeros((numbers.size, 2))
         places += 0.0 if centres_m is None else np.asarray(centres_m, dtype=np.float64)
         most = self._chain.range_finder.candidate_count

@@ -126,6 +126,10 @@ def test_compiled_and_obvious_loops_agree():
     assert UNIT.taps is not None
     fast, slow = (one.coloured(key, UNIT.taps, 3001) for one in (loops(), reference_noise))
     assert np.abs(fast - slow).max() < 2e-5
+    for count in (0, 1):
+        assert [one.coloured(key, UNIT.taps, count).shape for one in (loops(), reference_noise)] == [
+            (count,)
+        ] * 2
     echo_v = 1.5 * np.hanning(60)
     case = (slow * np.float32(1e-3), echo_v, 77, (1.01, 0.99), (1e-3, -1e-3), 2 / 4096, 12)
     (ours, beyond), (theirs, also) = loops().digitized(*case), reference_noise.digitized(*case)

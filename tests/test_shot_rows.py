@@ -206,3 +206,11 @@ def test_shots_below_zero_are_refused():
     # Given a negative shot, when asked for, then it is refused.
     with pytest.raises(RefusedInput, match="from 0 on"):
         ShotRows(Chain(fractal(), Accuracy(1e-3))).candidates([-1])
+
+
+def test_shots_that_are_no_whole_numbers_are_refused_and_no_shots_are_none():
+    # Given 1.5 as the number of a shot, when asked for, then it is refused; no shots at all are fine.
+    rows = ShotRows(Chain(fractal(), Accuracy(1e-3)))
+    with pytest.raises(RefusedInput, match="whole numbers"):
+        rows.candidates([0.0, 1.5])
+    assert rows.candidates([]).found.size == 0

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
 from belahil.cli.main import main
+from belahil.errors import RefusedInput
 from belahil.report import remake
 from procedures.simulate import SimulateOptions, simulate
 from procedures.simulate_outcome import analyse
@@ -167,6 +169,12 @@ def test_an_unknown_scene_names_the_ready_ones(capsys: pytest.CaptureFixture[str
     assert main(["simulate", "moon"]) == 2
 
     assert "boulder-example" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [{"products": "windows"}, {"shots": 0}, {"tolerance": -1.0}])
+def test_options_that_do_not_exist_are_refused(words: dict[str, Any]) -> None:
+    with pytest.raises(RefusedInput):
+        SimulateOptions(**words)
 
 
 def test_a_used_folder_is_refused_before_anything_is_computed(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ def conditions(run: Run) -> dict[str, str]:
         "windows": str(len(run.shots())),
         "options": "; ".join(f"{key}: {_told(value)}" for key, value in run.begun.options.items()),
         "command": run.begun.command,
+        **({"recorded windows": Path(run.begun.recorded).name} if run.begun.recorded else {}),
         "between generator and cut": f"load setting {generator.load_ohm:g} ohm, attenuation "
         f"{generator.attenuation_db:g} dB, input resistance of the receiver {digitizer.input_ohm:g} ohm",
         "interlock": f"max_vpp = {generator.max_vpp:g} at the cut",
@@ -40,7 +42,7 @@ def not_modelled(run: Run) -> list[str]:
 
     Nothing where real addresses answered: what stands behind them is not known here.
     """
-    return [] if run.config.source == "hardware" else left_out()
+    return [] if "hardware" in (run.config.source, run.begun.source) else left_out()
 
 
 def left_out() -> list[str]:

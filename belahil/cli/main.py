@@ -23,6 +23,11 @@ COMMANDS = ("characterize", "noise", "simulate", "accuracy", "bench", "emulate",
 INTERRUPTED, INTERNAL = 130, 70
 
 
+def module_of(command: str) -> str:
+    """Return the name of the module that holds a command or a procedure."""
+    return command.replace("-", "_")
+
+
 class _Late(click.Group):
     """A group whose commands live in modules of their own, imported when they are asked for."""
 
@@ -32,7 +37,7 @@ class _Late(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        found: click.Command = importlib.import_module(f"belahil.cli.{cmd_name}").command
+        found: click.Command = importlib.import_module(f"belahil.cli.{module_of(cmd_name)}").command
         return found
 
     def resolve_command(

@@ -31,7 +31,7 @@ class Job:
     Parameters
     ----------
     procedure : str
-        Module in ``procedures`` and name in the summary.
+        Name in the summary, and of the module in ``procedures`` with its hyphens.
     options_type : str
         Name of its class of options.
     lines : callable
@@ -43,8 +43,8 @@ class Job:
     lines: Callable[[dict[str, Any]], list[str]]
 
 
-def perform(job: Job, given: Common, chosen: Mapping[str, Any]) -> int:
-    """Measure, or continue to measure, and tell the results.
+def perform(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path | None = None) -> int:
+    """Measure, or continue to measure, or take recorded windows; and tell the results.
 
     Parameters
     ----------
@@ -54,16 +54,20 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any]) -> int:
         The common options.
     chosen : mapping
         The procedure's own options; None where the user said nothing.
+    windows : Path or None
+        A data file that takes the place of measuring.
 
     Returns
     -------
     int
         0 passed or no verdict asked, 1 failed or undecided.
     """
-    if given.resume is None:
-        summary, folder = _measure_new(job, given, chosen)
-    else:
+    if given.resume is not None:
         summary, folder = _measure_on(job, given, given.resume)
+    elif windows is not None:
+        summary, folder = _take(job, given, chosen, windows)
+    else:
+        summary, folder = _measure_new(job, given, chosen)
     if given.json:
         sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
     elif not given.quiet:
@@ -94,8 +98,8 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
 
     folder = given.out or dated(job.procedure)
     refuse_used(folder)
-    procedure = importlib.import_module(f"procedures.{job.procedure}")
-    options = _options(procedure, job, {key: value for key, value in chosen.items() if value is not None})
+    procedure = _module(job)
+    options = _options(procedure, job, chosen)
     with ExitStack() as stack:
         with signals.closing(open_bench(given.bench or "emulated", seed=given.seed)) as bench:
             plan = procedure.plan(bench, options)
@@ -108,6 +112,7 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
                 plan=plan.as_json(),
                 instruments=bench.identities,
                 source=_source(bench),
+                digitizer=bench.spec,
             )
             stack.enter_context(run)
             stack.enter_context(_noted(run))
@@ -130,13 +135,71 @@ def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], 
             )
         if run.finished:
             return read_json(folder / "summary.json"), folder
-        procedure = importlib.import_module(f"procedures.{job.procedure}")
+        procedure = _module(job)
         with _noted(run):
+            if run.begun.recorded:
+                return _finish_taken(procedure, job, given, run), folder
             with signals.closing(open_bench(run.config)) as bench:
                 plan = procedure.plan(bench, _options(procedure, job, run.begun.options))
                 run.confirm(plan.as_json(), bench.identities)
                 _measure(procedure, bench, run, plan, given)
             return _finish(procedure, run, plan, given), folder
+
+
+def _take(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path) -> tuple[dict[str, Any], Path]:
+    """Begin a run with the windows of a data file."""
+    from belahil.config import BenchConfig, load_bench
+    from belahil.recorded import read_windows
+    from belahil.run import Run
+    from belahil.run_folder import refuse_used
+
+    if given.seed is not None:
+        raise RefusedInput(f"--seed {given.seed}: recorded windows have no seed; leave it out")
+    folder = given.out or dated(job.procedure)
+    refuse_used(folder)
+    recorded = read_windows(windows)
+    procedure = _module(job)
+    options = _options(procedure, job, chosen)
+    beside = windows.parent / "bench.toml"
+    config = BenchConfig()
+    if given.bench is not None or beside.is_file():
+        config = load_bench(given.bench or str(beside))
+    plan = procedure.recorded_plan(recorded, options)
+    run = Run.create(
+        folder,
+        job.procedure,
+        config,
+        asdict(options),
+        None,
+        plan=plan.as_json(),
+        instruments=recorded.instruments,
+        source=recorded.source,
+        digitizer=recorded.spec,
+        recorded=windows,
+    )
+    with run, _noted(run):
+        if given.out is None and not given.json:
+            print(f"run folder: {folder}", flush=True)
+        return _finish_taken(procedure, job, given, run), folder
+
+
+def _finish_taken(procedure: Any, job: Job, given: Common, run: Run) -> dict[str, Any]:
+    """Copy the recorded windows that the run does not hold yet, and analyse all."""
+    from belahil.recorded import read_windows
+
+    recorded = read_windows(run.begun.recorded)
+    plan = procedure.recorded_plan(recorded, _options(procedure, job, run.begun.options))
+    run.confirm(plan.as_json(), recorded.instruments)
+    with signals.deferred(), shown(given.quiet, kept=len(run.shots())) as progress:
+        for place, shot in enumerate(recorded):
+            run.shot(recorded.request(place), lambda one=shot: one)  # type: ignore[misc]
+            progress(place + 1, len(recorded))
+    signals.check()
+    return _finish(procedure, run, plan, given)
+
+
+def _module(job: Job) -> Any:
+    return importlib.import_module(f"procedures.{job.procedure.replace('-', '_')}")
 
 
 def dated(procedure: str) -> Path:
@@ -151,7 +214,7 @@ def _options(procedure: Any, job: Job, told: Mapping[str, Any]) -> Any:
     strangers = told.keys() - {field.name for field in fields(kind)}
     if strangers:
         raise TypeError(f"{job.options_type} has no {', '.join(sorted(strangers))}")
-    return convert(dict(told), kind)
+    return convert({key: value for key, value in told.items() if value is not None}, kind)
 
 
 def _source(bench: Bench) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
 
-from belahil.cli.options import Codes, common, common_options
+from belahil.cli.options import Codes, common, common_options, windows_option
 
 
 @click.command("noise", short_help="Dark noise by gain code.")
@@ -14,13 +15,16 @@ from belahil.cli.options import Codes, common, common_options
 @click.option(
     "--dark-windows", type=click.IntRange(min=1), metavar="N", help="Windows for each code; 16 when left out."
 )
+@windows_option
 @common_options
-def command(codes: tuple[int, ...] | None, dark_windows: int | None, **given: Any) -> int:
+def command(
+    codes: tuple[int, ...] | None, dark_windows: int | None, windows: Path | None, **given: Any
+) -> int:
     """Measure the noise of a receiver by its gain codes, without a signal."""
     from belahil.cli.measuring import Job, perform
 
     chosen = {"codes": codes, "dark_windows": dark_windows}
-    return perform(Job("noise", "NoiseOptions", _lines), common(**given), chosen)
+    return perform(Job("noise", "NoiseOptions", _lines), common(**given), chosen, windows)
 
 
 def _lines(results: dict[str, Any]) -> list[str]:

@@ -94,6 +94,26 @@ def common_options(function: F) -> F:
     return function
 
 
+def windows_option(function: F) -> F:
+    """Add ``--windows`` to a measuring command whose procedure has a `recorded_plan`."""
+    return click.option(
+        "--windows",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="Analyse the windows in this file, the data.nc of a run, in place of measuring.",
+    )(function)
+
+
+def receiver_option(function: F) -> F:
+    """Add ``--receiver`` to a command whose procedure compares with what is known of the receiver."""
+    return click.option(
+        "--receiver",
+        type=click.Path(path_type=Path),
+        metavar="RUN",
+        help="Run folder of `belahil characterize`: what is known of the receiver; its preset when left out.",
+    )(function)
+
+
 def common(
     bench: str | None, out: Path | None, resume: Path | None, seed: int | None, quiet: bool, as_json: bool
 ) -> Common:

@@ -72,7 +72,8 @@ def command(
     }
     run = SceneRun(folder, "simulate", as_toml(loaded), loaded.seed, instruments)
     conditions = {"scene": scene, "windows": str(options.shots), "command": command_line()}
-    summary = run.finish(analyse(simulation), simulation.reported, conditions, left_out())
+    spec = loaded.receiver_spec.digitizer
+    summary = run.finish(analyse(simulation), simulation.reported, conditions, left_out(), spec)
     if as_json:
         sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
     elif not quiet:

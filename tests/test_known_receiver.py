@@ -1,0 +1,88 @@
+"""What an analysis may assume of a receiver: the preset, or what a characterization found."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from msgspec import convert
+
+from belahil.cli.main import main
+from belahil.config import BenchConfig, DigitizerTable, simulated
+from belahil.errors import RefusedInput
+from belahil.fingerprint import plain
+from belahil.receiver import BELA_GRM, RECEIVERS
+from procedures.known_receiver import KnownReceiver, characterized_receiver, preset_receiver
+
+HIDDEN = """
+[generator]
+address = "simulated"
+[digitizer]
+link = "simulated"
+[emulation.receiver]
+cutoff_hz = {cutoff_hz}
+clock_ppm = 12.0
+interleave = {{ gain = 0.004, offset_v = 1e-3, skew_s = 40e-12 }}
+"""
+SWEEP = ["--codes", "3,6", "--amplitudes-mvpp", "30,100", "--frequencies-mhz", "1,5,12,19,24,29", "--quiet"]
+
+
+@pytest.mark.parametrize("name", sorted(RECEIVERS))
+def test_the_preset_is_assumed_to_a_percent(name: str) -> None:
+    spec = RECEIVERS[name]
+    known = preset_receiver(BenchConfig(digitizer=DigitizerTable(receiver=name)))
+    assert (known.order, known.bits, known.converters) == (spec.order, spec.digitizer.bits, 2)
+    assert known.cutoff.standard_uncertainty == pytest.approx(0.01 * spec.cutoff_hz)
+    assert [one.gain.value for one in known.codes] == list(spec.gain_by_code)
+    assert known.true_interval_s == known.sample_interval_s == 1 / spec.digitizer.sample_rate_hz
+    assert (len(known.poles), known.zeros) == (spec.order, 0)
+
+
+def test_it_is_plain_values_for_a_resume() -> None:
+    known = preset_receiver(simulated())
+    assert convert(plain(known), KnownReceiver) == known
+
+
+def test_a_code_that_is_not_known_is_refused() -> None:
+    known = preset_receiver(simulated())
+    assert known.at(4).gain.value == 5.19
+    with pytest.raises(RefusedInput, match="gain code 16: preset bela-grm knows"):
+        known.at(16)
+
+
+@pytest.mark.parametrize("cutoff_hz", [16e6, 21e6])
+def test_a_characterization_gives_the_hidden_receiver(tmp_path: Path, cutoff_hz: float) -> None:
+    # given a bench with another receiver than the preset, characterized
+    bench, run = tmp_path / "bench.toml", tmp_path / "run"
+    bench.write_text(HIDDEN.format(cutoff_hz=cutoff_hz), encoding="utf-8")
+    assert main(["characterize", "--bench", str(bench), *SWEEP, "--out", str(run)]) == 0
+    # when it is read, then it is that receiver within 4 standard uncertainties
+    known = characterized_receiver(run)
+    told: list[tuple[Any, float]] = [
+        (known.cutoff, cutoff_hz),
+        (known.at(3).gain, BELA_GRM.gain_by_code[3]),
+        (known.at(6).gain, BELA_GRM.gain_by_code[6]),
+        (known.clock_ppm, 12.0),
+        (known.interleave_gain, 0.004),
+        (known.interleave_skew, 40e-12),
+    ]
+    for estimate, truth in told:
+        assert abs(estimate.value - truth) < 4 * estimate.standard_uncertainty
+    assert known.order == 3
+    assert known.true_interval_s == pytest.approx(12.5e-9 / (1 + 12e-6), rel=1e-6)
+    assert (known.bits, known.converters, known.zeros) == (12, 2, 0)
+
+
+def test_what_is_no_characterization_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RefusedInput, match="no finished run"):
+        characterized_receiver(tmp_path)
+    (tmp_path / "summary.json").write_text('{"procedure": "noise"}', encoding="utf-8")
+    with pytest.raises(RefusedInput, match="a run of noise"):
+        characterized_receiver(tmp_path)
+    row = {"gain": None, "cutoff": None, "order": {"integer": None}}
+    empty = {"procedure": "characterize", "results": {"gain_codes": [row]}}
+    (tmp_path / "summary.json").write_text(json.dumps(empty), encoding="utf-8")
+    with pytest.raises(RefusedInput, match="no gain code has"):
+        characterized_receiver(tmp_path)
