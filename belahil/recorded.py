@@ -102,7 +102,8 @@ class RecordedWindows:
 
     def _products(self, place: int) -> Products:
         if self.columns["sample_count"][place]:
-            return "window"
+            found = "candidate_count" in self.columns and self.columns["candidate_count"][place]
+            return "window_and_candidates" if found else "window"
         return "correlation_windows" if "candidate_counts" in self.columns else "candidates"
 
     def _code(self, place: int) -> int | None:

@@ -19,7 +19,7 @@ from belahil.export import write_data
 from belahil.recorded import read_windows
 from belahil.run import Run
 from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse
-from belahil.values import Shot, WindowRequest
+from belahil.values import Products, Shot, WindowRequest
 
 BENCH = '[generator]\naddress = "simulated"\n[digitizer]\nlink = "simulated"\n'
 SUMMARY: dict[str, Any] = {
@@ -37,6 +37,7 @@ WIDE = SampledPulse(np.hanning(9) * 0.03, 120e6, 2e-6, "hold")
 
 def measured(gain_code: int) -> list[Shot]:
     stimuli = (NoSignal(), Sine(5e6, 0.05, 0.001), NARROW, WIDE, NARROW, TransmittedPulse(), NoSignal())
+    products: dict[int, Products] = {2: "window_and_candidates", 3: "correlation_windows"}
     with open_bench(parse_bench(BENCH)) as bench:
         shots = [
             bench.measure(
@@ -46,7 +47,7 @@ def measured(gain_code: int) -> list[Shot]:
                     gain_code,
                     300 + 7 * number,
                     source="transmit" if isinstance(stimulus, TransmittedPulse) else "return",
-                    products="correlation_windows" if stimulus is WIDE else "window",
+                    products=products.get(number, "window"),
                 ),
             )
             for number, stimulus in enumerate(stimuli)
@@ -76,7 +77,8 @@ def test_the_shots_come_back_as_they_were(tmp_path: Path, gain_code: int) -> Non
             assert one.played == was.played
     assert (recorded.spec, recorded.source) == (spec, "simulated")
     assert recorded.instruments == SUMMARY["instruments"]
-    assert [recorded.request(row).products for row in (0, 3)] == ["window", "correlation_windows"]
+    kinds = [recorded.request(row).products for row in (0, 2, 3)]
+    assert kinds == ["window", "window_and_candidates", "correlation_windows"]
 
 
 def foreign(path: Path, **more: Any) -> Path:
