@@ -24,7 +24,15 @@ from belahil.errors import ConfigError
 from belahil.values import RangeWindow, Waveform, WindowRequest
 from sim.accuracy import Accuracy
 from sim.chain_light import Illumination, Lit, OpticalEcho, span_s
-from sim.chain_noise import Filter, GaussianFilter, PoleFilter, ShotNoise, StationaryNoise, steps_for
+from sim.chain_noise import (
+    Filter,
+    GaussianFilter,
+    PoleFilter,
+    ShotNoise,
+    StationaryNoise,
+    fewest_steps,
+    steps_for,
+)
 from sim.chain_stimulus import stimulus
 from sim.dark_windows import read_dark_windows
 from sim.detector import gaussian_filter_sigma_s, tia_poles, volts_per_photon_rate
@@ -284,8 +292,17 @@ class Chain:
     def _filtered(self, gain: float) -> tuple[Filter, Kernel]:
         scene, receiver, pulse = self.scene, self.receiver, self.light_kernel.pulse
         if scene.filter == "gaussian":
+            idle = {
+                "[detector] tia_pole_hz": scene.detector.tia_pole_hz,
+                "[electronics] highpass_hz": scene.truth.highpass_hz,
+            }
+            for key, value in idle.items():
+                if value:
+                    raise ConfigError(
+                        f'{key} = {value:g}: must be 0 with filter = "gaussian", which has no poles'
+                    )
             sigma_s = gaussian_filter_sigma_s(scene.detector.tia_bandwidth_hz)
-            own = Kernel(pulse, tia_poles(scene.detector), 0, gain, self.accuracy.kernel)
+            own = Kernel(pulse, gain=gain, tolerance=self.accuracy.kernel)
             return GaussianFilter(sigma_s), own.widened(sigma_s)
         if receiver.zeros and 0 < scene.detector.tia_pole_hz <= scene.truth.highpass_hz:
             raise ConfigError(
@@ -301,7 +318,8 @@ class Chain:
         found: list[ShotNoise | StationaryNoise] = []
         if "shot noise" in names:
             bins = round(self._interval_s / self.plan.bin_s) if self.plan.bin_s else 0
-            found.append(ShotNoise(detector, self.passed, self._interval_s, steps_for(bins)))
+            fewest = fewest_steps(self.light_kernel, self.passed, self._interval_s)
+            found.append(ShotNoise(detector, self.passed, self._interval_s, steps_for(bins, fewest)))
         if "sunlight" in names:
             no_current = structs.replace(detector, surface_dark_a=0.0, bulk_dark_a=0.0)
             density = background_density(structs.replace(scene, detector=no_current))

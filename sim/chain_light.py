@@ -143,12 +143,15 @@ class Illumination:
             * optical_transmission(scene.detector)
         )
         factors: list[Factor] = []
+        self._scatters = True
         if "radiation factor" in stages:
             constant = _constant_factor(scene)
             if constant is None:
                 factors.append(self._cosine)
-            else:
+            elif constant:
                 self.photons_from_white *= constant
+            else:
+                self._scatters = False
         if "field of view" in stages:
             factors.append(self._seen)
         self._factor = _product(factors)
@@ -189,6 +192,8 @@ class Illumination:
 
     def _delays(self, plan: FootprintPlan, pointing_rad: tuple[float, float], align_s: float) -> Delays:
         scene = self._scene
+        if not self._scatters:
+            return NoReturn("the ground scatters nothing back: its radiation factor is 0")
         return delays(
             self._surface,
             scene.laser,

@@ -45,7 +45,8 @@ class Scene(Strict, frozen=True):
     gain_code : int
         One of the receiver's.
     filter : {"butterworth", "gaussian"}
-        The receiver's low-pass; "gaussian" is that of earlier models, with the detector's `tia_bandwidth_hz`.
+        The receiver's low-pass; "gaussian" is that of earlier models, with the detector's `tia_bandwidth_hz`,
+        without extra pole and high-pass. Dark noise keeps the colour of the receiver's own low-pass.
     seed : int
         Of every random draw.
     laser, detector : Laser, Detector

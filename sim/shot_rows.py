@@ -61,7 +61,7 @@ class FoundShots:
     found : ndarray of int64, shape (n,)
         Candidates of each shot; the rows below are zero beyond them.
     arrival_s : ndarray of float64, shape (n, most)
-        From each shot's gate, s; best first.
+        From each shot's gate in true time, whatever the receiver's clock does, s; best first.
     fwhm_s, amplitude_v : ndarray of float64, shape (n, most)
         Full width, s; amplitude at the converter, V.
     reflectance : ndarray of float64, shape (n,)
@@ -115,6 +115,8 @@ class ShotRows:
         self._chain, self._relief = chain, _relief(chain)
         self._pool_windows, self._generator = pool_windows, generator
         self._interval_s = chain.receiver.grid.interval_s
+        # The range finder counts in nominal intervals.
+        self._true_interval = self._interval_s / chain.receiver.spec.sample_interval_s
         place = (scene.laser, scene.altitude_m, plan)
         self._echo = GridEcho(chain.surface, *place, chain.kernel, self._interval_s, 1)
         self._shot_noise: ShotNoise | None = None
@@ -209,6 +211,7 @@ class ShotRows:
             found = chain.range_finder.search(window)
             counts[k] = len(found)
             rows[k, : len(found)] = found[:, :3]
+            rows[k, : len(found), 0] *= self._true_interval
             rows[k, : len(found), 0] += first_s[k]
         return lit
 
@@ -291,9 +294,11 @@ class ShotRows:
         assert noise is not None
         begin, end = self._between(lasting_s(self._chain.light_kernel), *spread_s, first_s, noise.step_s)
         width = int((end - begin).max())
-        rates, _ = self._light.samples(centres_m, first_s + begin * noise.step_s, width)
-        rates *= energy[:, None]
-        rms_v = white_step_rms_v(shot_noise_density(noise.detector, np.maximum(rates, 0.0)), noise.step_s)
+        rates, lit = self._light.samples(centres_m, first_s + begin * noise.step_s, width)
+        np.maximum(rates, 0.0, out=rates)
+        photons, counted = self._chain.light_kernel.gain * lit * energy, rates.sum(axis=1) * noise.step_s
+        rates *= np.divide(photons, counted, out=np.zeros_like(counted), where=counted > 0)[:, None]
+        rms_v = white_step_rms_v(shot_noise_density(noise.detector, rates), noise.step_s)
         first, taps = noise.taps
         for k in range(shots.size):
             draws = self._draws(int(shots[k]))

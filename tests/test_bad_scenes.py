@@ -188,6 +188,7 @@ def test_options_that_cannot_be_are_refused(words: list[str], said: str) -> None
 DARK = {
     "zero reflectance": ("[surface]\nreflectance = 0.0\n", None),
     "zero reflectance of a terrain model": (DTM + "reflectance = 0.0\n", FLAT),
+    "zero radiation factor": ('[surface]\nphotometry = "factor"\nradiation_factor = 0.0\n', None),
     "a field of view beside the footprint": ("[detector]\nboresight_rad = [0.01, 0.0]\n", None),
 }
 

@@ -358,6 +358,18 @@ def test_an_amplifier_slower_than_the_high_pass_is_refused() -> None:
         Chain(scene)
 
 
+@pytest.mark.parametrize(
+    "tables", [{"detector": {"tia_pole_hz": 20e6}}, {"electronics": {"highpass_hz": 1e4}}], ids=str
+)
+def test_poles_beside_the_filter_of_earlier_models_are_refused(tables: dict[str, dict[str, float]]) -> None:
+    # Given the Gaussian filter, and a pole that neither noise nor signal would go through alike
+    scene = structs.replace(with_(BARE, **tables), filter="gaussian")
+
+    (key,) = (key for table in tables.values() for key in table)
+    with pytest.raises(RefusedInput, match=f'{key} = .*: must be 0 with filter = "gaussian"'):
+        Chain(scene)
+
+
 def test_another_instrument_runs_through_the_same_chain() -> None:
     scene = with_(load_scene("gala-like"), laser={"jitter_rad": (0.0, 0.0), "energy_jitter": 0.0})
     chain = Chain(scene)

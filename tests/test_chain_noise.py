@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +11,13 @@ from msgspec import structs
 from scenes import BARE, DAY, NIGHT, with_
 from scipy.signal import butter, freqs, residue
 
+from belahil.errors import RefusedInput
+from sim.accuracy import Accuracy
 from sim.chain import Chain
-from sim.chain_noise import PoleFilter, ShotNoise, steps_for
+from sim.chain_noise import PoleFilter, ShotNoise, fewest_steps, steps_for
 from sim.constants import ELEMENTARY_CHARGE_C
 from sim.detector import excess_noise_factor, multiplication
+from sim.draws import Draws
 from sim.light_noise import background_density, shot_noise_density
 from sim.scene import Scene
 
@@ -131,3 +135,60 @@ def test_high_passed_shot_noise_is_cut_where_it_no_longer_counts() -> None:
 @pytest.mark.parametrize(("bins", "steps"), [(0, 16), (14, 14), (32, 16), (5, 16), (1, 16), (40, 20), (8, 8)])
 def test_draws_lie_on_time_bins_where_they_can(bins: int, steps: int) -> None:
     assert steps_for(bins) == steps
+
+
+class Ones(Draws):
+    """Draws that are all 1."""
+
+    def stream(self, effect: str) -> Any:
+        return self
+
+    def standard_normal(self, count: int) -> np.ndarray:
+        return np.ones(count)
+
+
+@pytest.mark.parametrize(
+    ("laser", "electronics", "tolerance"),
+    [
+        ({}, {}, 1e-4),
+        ({"pulse": "gaussian", "fwhm_s": 1e-9}, {}, 1e-4),
+        ({"pulse": "gaussian", "fwhm_s": 1e-9}, {}, 1e-2),
+        ({"pulse": "gaussian", "fwhm_s": 0.3e-9}, {}, 1e-2),
+        ({}, {"cutoff_hz": 200e6}, 1e-4),
+        ({}, {"cutoff_hz": 1e9}, 1e-3),
+        ({}, {"order": 1}, 1e-4),
+    ],
+    ids=["usual", "1 ns", "1 ns coarse", "0.3 ns coarse", "200 MHz", "1 GHz", "one pole"],
+)
+def test_shot_noise_follows_short_pulses_and_fast_receivers(
+    laser: dict[str, object], electronics: dict[str, object], tolerance: float
+) -> None:
+    # Given nearly level ground with pixels, so that the light lies on time bins as coarse as is allowed
+    scene = with_(NIGHT, laser=laser, electronics=electronics)
+    scene = with_(scene, surface={"kind": "boulder", "slope_deg": 0.0, "height_m": 0.05})
+    chain = Chain(scene, Accuracy(tolerance))
+    (noise,) = (one for one in chain.light_noise if isinstance(one, ShotNoise))
+    # When all deviates are 1, and the variances behind the filter are summed at samples about the echo
+    begin, rms_v = noise.before_filter(chain.optical(chain.lit(0)), 0.0, Ones(1, 0))
+    first, taps = noise.taps
+    every = max(1, round(2e-9 / noise.step_s))
+    samples = np.arange(round(-10e-9 / noise.step_s), round(60e-9 / noise.step_s), every)
+    lags = samples[:, None] - (begin + np.arange(rms_v.size)) - first
+    squares = np.where((lags >= 0) & (lags < taps.size), taps[np.clip(lags, 0, taps.size - 1)] ** 2, 0.0)
+    found_v = np.sqrt(squares @ rms_v**2)
+    # Then it is Campbell's integral over the exact light, to 0.5 % of the largest rms, or the tolerance
+    fine_s = min(0.02e-9, noise.step_s / 8)
+    since_s = np.arange(fine_s / 2, 160e-9, fine_s)
+    response2 = noise.passed.impulse(since_s) ** 2 * fine_s
+    exact = Chain(scene, Accuracy(1e-6)).echo(0)
+    begins_s = samples * noise.step_s - since_s[-1]
+    rates_hz = np.array([exact.photon_rate_hz(at_s, fine_s, since_s.size)[::-1] for at_s in begins_s])
+    expected_v = np.sqrt(shot_noise_density(scene.detector, rates_hz) ** 2 / 2 @ response2)
+    assert np.abs(found_v - expected_v).max() < max(5e-3, tolerance) * expected_v.max()
+
+
+def test_a_pulse_too_short_for_its_shot_noise_is_refused() -> None:
+    chain = Chain(with_(BARE, laser={"pulse": "gaussian", "fwhm_s": 1e-12}, surface={"slope_deg": 0.0}))
+
+    with pytest.raises(RefusedInput, match="in a sample interval, at most 4096 are allowed"):
+        fewest_steps(chain.light_kernel, chain.passed, 12.5e-9)

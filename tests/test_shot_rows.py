@@ -21,12 +21,16 @@ def fractal(**noise):
     return structs.replace(scene, altitude_m=700e3, noise=structs.replace(scene.noise, **noise))
 
 
-def test_without_noise_and_jitter_rows_find_what_the_chain_finds():
-    # Given a scene of which only the sampling phase changes from shot to shot
+def steady_fractal():
     scene = fractal(shot=False, dark_rms_v=None)
-    scene = structs.replace(
+    return structs.replace(
         scene, laser=structs.replace(scene.laser, jitter_rad=(0.0, 0.0), energy_jitter=0.0)
     )
+
+
+def test_without_noise_and_jitter_rows_find_what_the_chain_finds():
+    # Given a scene of which only the sampling phase changes from shot to shot
+    scene = steady_fractal()
     chain = Chain(scene, Accuracy(1e-4))
     # When rows and chain find the pulse of some shots
     rows = ShotRows(chain).candidates(np.arange(12))
@@ -47,6 +51,16 @@ def test_without_noise_and_jitter_rows_find_what_the_chain_finds():
     assert rows.arrival_s[:, 0].std() < 0.4e-9
     assert (rows.found >= 1).all()
     assert not rows.saturated.any()
+
+
+def test_arrivals_are_in_true_time_whatever_the_clock_does():
+    # Given a receiver whose clock is fast, so that it counts 10 ns more on the way to the echo
+    scene = steady_fractal()
+    fast = structs.replace(scene, electronics=structs.replace(scene.electronics, clock_ppm=100.0))
+    # When rows find the echo with it, and with a true clock
+    with_error, true = (ShotRows(Chain(one)).candidates(np.arange(12)) for one in (fast, scene))
+    # Then both tell the same arrivals, to what sampling phase and rounding make
+    assert with_error.arrival_s[:, 0].mean() == pytest.approx(true.arrival_s[:, 0].mean(), abs=0.5e-9)
 
 
 @pytest.mark.parametrize("tolerance", [0.2, 1e-2, 2e-3, 1e-3, 1e-6])
