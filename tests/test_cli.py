@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,14 @@ def tiny(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Let ``characterize`` take a moment, in an empty folder."""
     monkeypatch.setitem(sys.modules, "procedures.characterize", tiny_procedure)
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(autouse=True)
+def heard() -> Iterator[None]:
+    """Let an interrupt be heard: a shell starts what runs in the background with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

@@ -172,7 +172,8 @@ def test_files_are_found_from_the_scene(tmp_path: Path, monkeypatch: pytest.Monk
     assert parse_scene(as_toml(scene)) == scene
 
 
-def test_a_scene_that_is_not_there() -> None:
+def test_a_scene_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # where nobody keeps a lab.toml
     with pytest.raises(ConfigError, match="scene noon: no such file; ready scenes: ambient, boulder"):
         load_scene("noon")
     with pytest.raises(ConfigError, match=r"scene file lab\.toml: cannot be read \(No such file"):
