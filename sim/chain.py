@@ -372,7 +372,8 @@ class Chain:
     @cached_property
     def _echo_plan(self) -> FootprintPlan:
         """Steps for the light itself, which no filter has smoothed."""
-        return self._illumination.plan(self.accuracy, self.light_kernel, self._interval_s)
+        light = self.light_kernel
+        return self._illumination.plan_light(self.accuracy, light, self._interval_s, self.plan)
 
     @cached_property
     def _one_converter(self) -> ReceiverModel:

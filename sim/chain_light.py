@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from belahil.errors import RefusedInput
 from sim.detector import in_field_of_view, optical_transmission, solid_angle_sr
 from sim.echo import echo
 from sim.footprint import DelayHistogram, Delays, NoReturn, delays, plan_footprint
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from sim.footprint import FootprintPlan
     from sim.footprint_plan import Method
     from sim.kernel import Kernel
+    from sim.pulse_shape import PulseShape
     from sim.scene import Scene
     from sim.terrain import Surface
 
@@ -31,6 +33,13 @@ if TYPE_CHECKING:
 
 _FAINT = 1e-9
 """Of the peak of a pulse: what is left of its tail does not count as light that lasts."""
+
+
+_FINER = 16
+"""Bins of light in one of the samples', at least, where the pulse has none of its own: 1 % of a picture."""
+
+_FINEST = 4096
+"""Of them in a sample interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +129,21 @@ def lasting_s(kernel: Kernel) -> tuple[float, float]:
     return float(lags_s[above[0]] - step_s), float(lags_s[above[-1]] + step_s)
 
 
+def straight_line_step_s(pulse: PulseShape, tolerance: float) -> float:
+    """Return the time between points of a pulse from a table at which straight lines keep a tolerance.
+
+    Between two points next to a bend they miss an area of up to step^2 / 8 times the change of slope, next to
+    a jump of step / 2 times its height. No filter makes more of such an area than of the pulse, which has 1.
+    Half of the tolerance is taken.
+    """
+    slopes = np.diff(pulse.relative) / np.diff(pulse.times_s)
+    bends = float(np.abs(np.diff(slopes, prepend=0.0, append=0.0)).sum())
+    jumps = float(pulse.relative[0] + pulse.relative[-1])
+    # The root of bends h^2 / 8 + jumps h / 2 = tolerance / 2, in the form that stands without bends.
+    root = math.sqrt(jumps**2 + bends * tolerance)
+    return 2 * tolerance / (jumps + root) if root else math.inf
+
+
 class Illumination:
     """Finds the light of each shot of a scene.
 
@@ -167,6 +191,24 @@ class Illumination:
         return plan_footprint(
             accuracy, kernel, scene.laser, scene.altitude_m, self._surface, interval_s, method
         )
+
+    def plan_light(
+        self, accuracy: Accuracy, kernel: Kernel, interval_s: float, samples: FootprintPlan
+    ) -> FootprintPlan:
+        """Plan the footprint for the light itself, whose kernel no filter has smoothed.
+
+        No bins keep the tolerance there where a pulse from a table bends or jumps. Then they are so fine that
+        straight lines between them keep it behind the receiver, over the pixels of the plan for samples.
+        """
+        try:
+            return self.plan(accuracy, kernel, interval_s)
+        except RefusedInput as error:
+            if kernel.pulse.pieces:
+                raise
+            step_s = straight_line_step_s(kernel.pulse, accuracy.tolerance)
+            if step_s * _FINEST < interval_s:
+                raise RefusedInput(f"{error}; begin and end the table of the pulse with no power") from error
+            return replace(samples, bin_s=samples.bin_s / max(_FINER, math.ceil(samples.bin_s / step_s)))
 
     def lit(self, plan: FootprintPlan, draws: Draws | None, align_s: float = 0.0) -> Lit:
         """Return what one shot lights.

@@ -38,6 +38,8 @@ def stimulus(chain: Chain, shot: int | None, sample_rate_hz: float | None) -> Sa
         enough_hz = break_points_hz(
             chain.kernel, chain.accuracy.tolerance, chain.receiver.spec.sample_rate_hz
         )
+        if not chain.light_kernel.pulse.pieces:
+            enough_hz = max(enough_hz, 1 / chain.light_bin_s)
         rate_hz = _on_bins(enough_hz, chain.light_bin_s)
     begin_s, end_s = _stretch_s(chain)
     count = math.ceil((end_s - begin_s) * rate_hz) + 1

@@ -92,15 +92,19 @@ def light_width(light: Callable[[NDArray[np.float64]], NDArray[np.float64]], sig
     return 2 * float(np.trapezoid(light(cycles), cycles))
 
 
+@lru_cache(maxsize=32)
 def echo_peak(kernel: Kernel, spread_s: float) -> float:
     """Return the peak of a kernel behind a Gaussian of `spread_s`: the echo of a plane."""
-    highest_hz = _spectrum(kernel)[0][-1]
+    every_hz = _spectrum(kernel)[0]
+    highest_hz = every_hz[-1]
     if spread_s:
         highest_hz = min(highest_hz, 9 / (2 * math.pi * spread_s))
-    count = 1024
+    # Steps of the spectrum, or finer: a pulse from a table reaches far, and wider ones would fold its echo.
+    count = max(1024, math.ceil(highest_hz / every_hz[1]))
+    times = 8 if count <= 8192 else 2
     frequency_hz = np.arange(count) * (highest_hz / count)
     spectrum = kernel.transform(frequency_hz) * np.exp(-2 * (math.pi * frequency_hz * spread_s) ** 2)
-    return float(np.abs(np.fft.irfft(spectrum, 8 * count)).max() * 8 * highest_hz)
+    return float(np.abs(np.fft.irfft(spectrum, times * count)).max() * times * highest_hz)
 
 
 def deposit_error(kernel: Kernel, bin_s: float) -> float:

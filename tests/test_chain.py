@@ -78,6 +78,54 @@ def test_samples_are_the_stimulus_behind_the_filter() -> None:
     np.testing.assert_allclose(samples.volts, volts, rtol=0, atol=2e-5 * volts.max())
 
 
+BENDS = "0 0\n1e-9 0.2\n3e-9 1\n6e-9 0.5\n12e-9 0\n"
+JUMPS = "0 1\n8e-9 1\n"
+
+
+@pytest.mark.parametrize(("rows", "tolerance"), [(BENDS, 1e-2), (BENDS, 1e-4), (JUMPS, 1e-2)])
+def test_a_coarse_pulse_table_is_as_good_behind_the_receiver(
+    tmp_path: Path, rows: str, tolerance: float
+) -> None:
+    # Given a pulse of a few rows, in whose light no time bins keep the tolerance
+    (tmp_path / "pulse.txt").write_text(rows)
+    table = {"pulse": "table", "table": str(tmp_path / "pulse.txt")}
+    chain = Chain(with_(BARE, laser=table), Accuracy(tolerance))
+    # When stimulus and samples are made where a far finer computation has its samples
+    finer = Chain(with_(BARE, laser=table), Accuracy(1e-6))
+    request = finer.correlation_window()
+    pulse, samples = chain.stimulus(), chain.samples(request=request)
+    assert isinstance(pulse, SampledPulse)
+    times_s = samples.start_s + np.arange(samples.volts.size) * INTERVAL_S
+    volts = 5.19 * response(
+        pulse.volts, pulse.sample_rate_hz, pulse.start_s, "linear", butterworth.poles(19e6, 3), times_s
+    )
+    # Then both are what that gives
+    true = finer.samples(request=request).volts
+    np.testing.assert_allclose(samples.volts, true, rtol=0, atol=tolerance * true.max())
+    np.testing.assert_allclose(volts, true, rtol=0, atol=2 * tolerance * true.max())
+    assert chain.echo().photons == pytest.approx(Chain(BARE).echo().photons, rel=2 * tolerance)
+
+
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-4])
+def test_all_light_of_a_pulse_table_is_there_on_level_ground(tmp_path: Path, tolerance: float) -> None:
+    # Given a pulse whose spectrum reaches thousands of times further than that of the receiver
+    (tmp_path / "pulse.txt").write_text(BENDS)
+    table = {"pulse": "table", "table": str(tmp_path / "pulse.txt")}
+    chain = Chain(with_(BARE, laser=table, surface={"slope_deg": 0.0}), Accuracy(tolerance))
+
+    photons = chain.echo().photons
+
+    assert photons == pytest.approx(link_budget(chain.scene).photons, rel=tolerance)
+
+
+def test_a_jump_in_a_pulse_table_is_refused_where_no_stimulus_is_fine_enough(tmp_path: Path) -> None:
+    (tmp_path / "box.txt").write_text(JUMPS)
+    chain = Chain(with_(BARE, laser={"pulse": "table", "table": str(tmp_path / "box.txt")}))
+
+    with pytest.raises(RefusedInput, match="begin and end the table of the pulse with no power"):
+        chain.stimulus()
+
+
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-8])
 def test_a_fine_stimulus_has_its_points_on_the_time_bins(tolerance: float) -> None:
     # Given a tolerance whose stimulus has up to 2e5 points over thousands of time bins
