@@ -145,6 +145,8 @@ class LimitsTable(Strict, frozen=True):
     highpass_hz: Span | None = None
     noise_rms_v: Span | None = None
     input_noise_rms_v: Span | None = None
+    enob: Span | None = None
+    sinad_db: Span | None = None
 
 
 class BenchConfig(Strict, frozen=True):

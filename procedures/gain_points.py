@@ -123,7 +123,7 @@ def read_windows(plan: GainPlan, shots: Iterable[Shot]) -> WindowReadings:
         Gone through more than once; an iterator is turned into a list first.
     """
     kept = list(shots) if isinstance(shots, Iterator) else shots
-    clock = _clock(plan, kept)
+    clock = clock_error(kept, plan.converters, plan.bits)
     dark: dict[int | None, list[RangeWindow]] = {code: [] for code in plan.codes}
     sines = []
     plans: dict[float, SinePlan] = {}
@@ -265,9 +265,17 @@ def _clock_strength(shot: Shot) -> float:
     return float(np.std(shot.window.counts[:1024])) * shot.played.frequency_hz
 
 
-def _clock(plan: GainPlan, shots: Iterable[Shot]) -> Estimate | None:
-    """Return the clock error in ppm from the records that tell most of it; None when there is none."""
-    whole = (one for one in shots if _shows_a_sine(with_clipping(one, plan.bits)))
+def clock_error(shots: Iterable[Shot], converters: int, bits: int) -> Estimate | None:
+    """Return the clock error in ppm from the records that tell most of it; None when there is none.
+
+    Parameters
+    ----------
+    shots : iterable of Shot
+        Those with a sine count.
+    converters, bits : int
+        Interleaved converters and their resolution.
+    """
+    whole = (one for one in shots if _shows_a_sine(with_clipping(one, bits)))
     strongest = nlargest(CLOCK_RECORDS, whole, key=_clock_strength)
     records = sorted(strongest, key=lambda one: one.window.shot)
     if not records:
@@ -275,7 +283,7 @@ def _clock(plan: GainPlan, shots: Iterable[Shot]) -> Estimate | None:
     found = common_clock(
         [(one.played.frequency_hz, one.window.volts) for one in records if isinstance(one.played, Sine)],
         1 / records[0].window.sample_interval_s,
-        plan.converters == 2,
+        converters == 2,
     )
     if found.status == "not_measurable":
         return None

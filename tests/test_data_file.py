@@ -25,7 +25,11 @@ SWEEP = ["--codes", "4,5", "--amplitudes-mvpp", "30,480", "--frequencies-mhz", "
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, xarray.Dataset]:
     folder = tmp_path_factory.mktemp("data-file")
     found = {}
-    for name, words in (("characterize", SWEEP), ("noise", ["--codes", "4,5"])):
+    for name, words in (
+        ("characterize", SWEEP),
+        ("noise", ["--codes", "4,5"]),
+        ("digitizer", ["--codes", "4,5", "--records", "2"]),
+    ):
         assert main([name, *words, "--bench", "simulated", "--out", str(folder / name), "--quiet"]) == 0
         with xarray.open_dataset(folder / name / "data.nc") as opened:
             found[name] = opened.load()
@@ -38,7 +42,7 @@ def told(heading: str) -> list[tuple[str, ...]]:
     return sorted((row[0].strip("`"), row[1].strip(), row[2].strip(), row[3]) for row in rows)
 
 
-@pytest.mark.parametrize("name", ["characterize", "noise"])
+@pytest.mark.parametrize("name", ["characterize", "noise", "digitizer"])
 def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: str) -> None:
     written = sorted(
         (
@@ -100,7 +104,8 @@ def test_the_contract_names_every_key_of_the_results(runs: dict[str, xarray.Data
 
 
 def test_noise_density_is_one_variable_that_integrates_to_the_noise(runs: dict[str, xarray.Dataset]) -> None:
-    for data in runs.values():
+    for name in ("characterize", "noise"):
+        data = runs[name]
         density = data["noise_density"].sel(code=4)
         step = float(data["noise_frequency"].diff("noise_frequency").mean())
         # the spectrum is that of the raw windows without their mean, offsets of the converters apart

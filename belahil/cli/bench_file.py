@@ -83,6 +83,7 @@ _LIMITS = """
 # highpass_hz = [0.0, 20.0e3]
 # noise_rms_v = [0.0, 1.0e-3]
 # input_noise_rms_v = [0.0, 0.2e-3]
+# enob = [8.0, 12.0]            # of the digitizer test, and sinad_db
 """
 
 
