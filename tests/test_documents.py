@@ -8,6 +8,7 @@ import pkgutil
 import re
 import shlex
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
@@ -17,6 +18,7 @@ from belahil import config
 from belahil.cli.main import belahil as command_line
 from belahil.cli.main import main
 from procedures import characterize, noise
+from sim.scene import parse_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("belahil", "drivers", "sim", "procedures")
@@ -162,3 +164,47 @@ def test_the_modules_that_the_architecture_names_are_there_or_planned() -> None:
     }
 
     assert wrong == set()
+
+
+def tables_of_the_scene_page() -> dict[str, dict[str, str]]:
+    """Return key and default of each table, by its name in the file."""
+    text = (ROOT / "docs/scene-file.md").read_text(encoding="utf-8").split("## Every key")[1]
+    parts = re.split(r"^(?:Top of the file:|`\[(\w+)\]`.*:)$", text, flags=re.MULTILINE)[1:]
+    return {
+        name or "": dict(re.findall(r"^\| `(\w+)` \| (.+?) \|", rows, re.MULTILINE))
+        for name, rows in zip(parts[::2], parts[1::2], strict=True)
+    }
+
+
+@pytest.mark.parametrize("name", ["", "laser", "surface", "noise", "sun", "detector"])
+def test_the_scene_page_tells_every_key_and_its_default(name: str) -> None:
+    told = tables_of_the_scene_page()[name]
+
+    scene = parse_scene("[sun]\n")
+    table = getattr(scene, name) if name else scene
+
+    keys = [key for key in table.__struct_fields__ if not isinstance(getattr(table, key), msgspec.Struct)]
+    assert list(told) == keys
+    for key, shown in told.items():
+        default = None if shown == "none" else msgspec.toml.decode(f"x = {shown.strip('`')}".encode())["x"]
+        assert getattr(table, key) == (tuple(default) if isinstance(default, list) else default), key
+
+
+def test_the_scenes_of_the_scene_page_are_accepted(tmp_path: Path) -> None:
+    for file in ("crater.tif", "pulse.csv"):
+        (tmp_path / file).touch()
+
+    scenes = [parse_scene(text, folder=tmp_path) for text in toml_blocks(ROOT / "docs/scene-file.md")]
+
+    assert [scene.surface.kind for scene in scenes] == ["crater", "fractal", "dtm", "plane"]
+
+
+def test_the_python_of_the_scene_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "docs/scene-file.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    names: dict[str, Any] = {}
+
+    exec(block, names)
+
+    assert names["window"].counts.shape == (16064,)
+    assert "predicted error of a sample" in capsys.readouterr().out
