@@ -101,7 +101,8 @@ class Chain:
         pulse = pulse_shape(scene.laser)
         self.light_kernel = Kernel(pulse, gain=white, tolerance=self.accuracy.kernel)
         self.passed, self.kernel = self._filtered(white * volts_per_photon_rate(scene.detector))
-        self.plan = self._illumination.plan(self.accuracy, self.kernel, self._interval_s)
+        smooth = self._illumination.plan(self.accuracy, self.kernel, self._interval_s)
+        self.plan = self._illumination.refined(smooth, self.accuracy, self.kernel)
         self.light_noise = self._light_noises(names)
         self._recorded: tuple[Callable[[NDArray[np.float64], Draws], None], ...] = ()
         if "recorded dark noise" in names:

@@ -13,7 +13,9 @@ from belahil.errors import RefusedInput
 from sim.detector import in_field_of_view, optical_transmission, solid_angle_sr
 from sim.echo import echo
 from sim.footprint import DelayHistogram, Delays, NoReturn, delays, plan_footprint
+from sim.footprint_edges import refined
 from sim.laser import energy_factor, photon_energy_j, photon_number, pointing_jitter
+from sim.terrain_relief import RadialRelief
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Set
@@ -33,6 +35,12 @@ if TYPE_CHECKING:
 
 _FAINT = 1e-9
 """Of the peak of a pulse: what is left of its tail does not count as light that lasts."""
+
+_WANDERED = 3.0
+"""Standard deviations of the jitter, at which pixels must still serve the edge of a field of view."""
+
+_LONGEST_S = 20e-6
+"""Of an echo, when pixels are tried."""
 
 
 _FINER = 16
@@ -166,27 +174,26 @@ class Illumination:
             * solid_angle_sr(scene.detector.telescope_radius_m, scene.altitude_m)
             * optical_transmission(scene.detector)
         )
-        factors: list[Factor] = []
-        self._scatters = True
+        self._scatters, self._leans, self._looks = True, False, "field of view" in stages
         if "radiation factor" in stages:
             constant = _constant_factor(scene)
             if constant is None:
-                factors.append(self._cosine)
+                self._leans = True
             elif constant:
                 self.photons_from_white *= constant
             else:
                 self._scatters = False
-        if "field of view" in stages:
-            factors.append(self._seen)
-        self._factor = _product(factors)
+        self.has_factor = self._leans or self._looks
         self._jitters = "pointing jitter" in stages
         self._energy_jitters = "energy jitter" in stages
-        self.has_factor = self._factor is not None
         self._means: dict[FootprintPlan, Delays] = {}
 
     def plan(self, accuracy: Accuracy, kernel: Kernel, interval_s: float) -> FootprintPlan:
-        """Plan the footprint for a kernel; errors as `sim.footprint_plan.plan_footprint`."""
-        method: Method | None = None if self._factor is None else "grid"
+        """Plan the footprint for a kernel, as if the light on the ground had no edges.
+
+        Errors as `sim.footprint_plan.plan_footprint`.
+        """
+        method: Method | None = "grid" if self.has_factor else None
         scene = self._scene
         return plan_footprint(
             accuracy, kernel, scene.laser, scene.altitude_m, self._surface, interval_s, method
@@ -199,9 +206,10 @@ class Illumination:
 
         No bins keep the tolerance there where a pulse from a table bends or jumps. Then they are so fine that
         straight lines between them keep it behind the receiver, over the pixels of the plan for samples.
+        Never are pixels larger than those, which edges may have made small.
         """
         try:
-            return self.plan(accuracy, kernel, interval_s)
+            found = self.plan(accuracy, kernel, interval_s)
         except RefusedInput as error:
             if kernel.pulse.pieces:
                 raise
@@ -209,6 +217,9 @@ class Illumination:
             if step_s * _FINEST < interval_s:
                 raise RefusedInput(f"{error}; begin and end the table of the pulse with no power") from error
             return replace(samples, bin_s=samples.bin_s / max(_FINER, math.ceil(samples.bin_s / step_s)))
+        if 0 < samples.pixel_m < found.pixel_m:
+            return replace(found, pixel_m=samples.pixel_m, pixels=samples.pixels)
+        return found
 
     def lit(self, plan: FootprintPlan, draws: Draws | None, align_s: float = 0.0) -> Lit:
         """Return what one shot lights.
@@ -243,12 +254,48 @@ class Illumination:
             plan,
             pointing_rad,
             align_s=align_s,
-            factor=self._factor,
+            factor=self._factor(plan.pixel_m) if self.has_factor else None,
         )
 
-    def _seen(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        seen = in_field_of_view(self._scene.detector, self._scene.altitude_m, x_m, y_m)
-        return seen.astype(np.float64)
+    def refined(self, found: FootprintPlan, accuracy: Accuracy, kernel: Kernel) -> FootprintPlan:
+        """Return a plan whose pixels serve edges too; errors as `sim.footprint_edges.refined`.
+
+        They are tried with the mean shot, and one that has wandered towards the edge of the field of view.
+        """
+        if found.method != "grid" or not (self._looks or isinstance(self._surface.relief, RadialRelief)):
+            return found
+        scene, tries = self._scene, [(0.0, 0.0)]
+        if self._looks and self._jitters:
+            tries.append(self._wandered_rad())
+        whole = [delays(self._surface, scene.laser, scene.altitude_m, found, one) for one in tries]
+        spans_s = [span_s(kernel, light) for light in whole]
+        step_s = found.bin_s * max(1, math.floor(kernel.finest_s / found.bin_s))
+        first_s = math.floor(min(begin for begin, _ in spans_s) / found.bin_s) * found.bin_s
+        # What a slow high-pass makes of it later tells nothing new.
+        last_s = max(min(end, begin + _LONGEST_S) for begin, end in spans_s)
+        count = math.ceil((last_s - first_s) / step_s) + 1
+
+        def samples(plan: FootprintPlan) -> NDArray[np.float64]:
+            lights = [self._delays(plan, one, 0.0) for one in tries]
+            return np.stack([echo(kernel, light, first_s, step_s, count) for light in lights])
+
+        return refined(found, accuracy.spacing, samples)
+
+    def _wandered_rad(self) -> tuple[float, float]:
+        laser, detector = self._scene.laser, self._scene.detector
+        away = np.subtract(laser.pointing_rad, detector.boresight_rad)
+        off_rad = math.hypot(*away)
+        to_edge_rad = max(detector.field_of_view_rad - off_rad, 0.0)
+        along, across = away / off_rad if off_rad else (1.0, 0.0)
+        far_rad = min(_WANDERED * max(laser.jitter_rad), to_edge_rad)
+        return float(far_rad * along), float(far_rad * across)
+
+    def _factor(self, pixel_m: float) -> Factor:
+        factors: list[Factor] = [self._cosine] if self._leans else []
+        if self._looks:
+            detector, altitude_m = self._scene.detector, self._scene.altitude_m
+            factors.append(lambda x_m, y_m: in_field_of_view(detector, altitude_m, x_m, y_m, pixel_m))
+        return lambda x_m, y_m: np.asarray(math.prod(factor(x_m, y_m) for factor in factors))
 
     def _cosine(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Cosine of the incidence, from heights half a step to either side; level where there is none."""
@@ -274,9 +321,3 @@ def _constant_factor(scene: Scene) -> float | None:
     if surface.photometry == "factor":
         return surface.radiation_factor
     return math.cos(math.radians(surface.slope_deg)) if surface.kind == "plane" else None
-
-
-def _product(factors: list[Factor]) -> Factor | None:
-    if not factors:
-        return None
-    return lambda x_m, y_m: np.asarray(math.prod(factor(x_m, y_m) for factor in factors))

@@ -72,13 +72,36 @@ def field_of_view_m2(detector: Detector, altitude_m: float) -> float:
 
 
 def in_field_of_view(
-    detector: Detector, altitude_m: float, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Tell which places on the ground the detector sees, of the shape to which `x_m` and `y_m` broadcast."""
+    detector: Detector,
+    altitude_m: float,
+    x_m: NDArray[np.float64],
+    y_m: NDArray[np.float64],
+    pixel_m: float = 0.0,
+) -> NDArray[np.float64]:
+    """Tell how much of each pixel on the ground the detector sees.
+
+    Parameters
+    ----------
+    detector : Detector
+        Its field of view and boresight.
+    altitude_m : float
+        Above zero.
+    x_m, y_m : ndarray of float64
+        Centres of the pixels, of shapes that broadcast.
+    pixel_m : float
+        Their size, m. 0: a place is seen or not.
+
+    Returns
+    -------
+    ndarray of float64
+        0 to 1, of the broadcast shape: linear across the edge, over the size of a pixel.
+    """
     along = x_m - altitude_m * math.tan(detector.boresight_rad[0])
     across = y_m - altitude_m * math.tan(detector.boresight_rad[1])
-    radius_m = altitude_m * math.tan(detector.field_of_view_rad)
-    return np.asarray(along**2 + across**2 <= radius_m**2)
+    inside_m = altitude_m * math.tan(detector.field_of_view_rad) - np.hypot(along, across)
+    if not pixel_m:
+        return np.asarray(inside_m >= 0, dtype=np.float64)
+    return np.clip(0.5 + inside_m / pixel_m, 0.0, 1.0)
 
 
 def miller_gain(bias_v: float, breakdown_v: float, exponent: float) -> float:

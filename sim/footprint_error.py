@@ -11,8 +11,8 @@ prediction follows the bandwidth of pulse and filter:
 * the deposit on time bins: the cubic through four values of the kernel, at the worst place in a bin.
 
 On a plane along the grid the second is met within some 20 %. On relief the steepest slope is used for all of
-it; that is an estimate, no bound. What relief smaller than the posts of a terrain model would have done is
-not in it: `sim.echo.posts_error` tells that apart.
+it; that is an estimate, no bound. Edges and kinks are left to `sim.footprint_edges`. What relief smaller than
+the posts of a terrain model would have done is not in it: `sim.echo.posts_error` tells that apart.
 """
 
 from __future__ import annotations
