@@ -39,6 +39,13 @@ STATUSES = (
     "inverted",
     "too_few_samples",
     "not_converged",
+    "differs",
+    "no_samples",
+    "no_candidates",
+    "no_marker",
+    "another_receiver",
+    "not_known",
+    "marker_lost",
 )
 """All words of a status column. The place of a word is its number in data files, so new ones go last."""
 

@@ -15,6 +15,8 @@ from belahil import pulse_fit
 from belahil.cli.main import main
 from belahil.outcome import STATUSES
 from procedures import butterworth_fit, dark_noise, sine_fit
+from procedures.candidate_parity import ParityStatus
+from procedures.rfm_parity_results import EchoStatus, RunStatus
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGE = (DOCS / "data-file.md").read_text(encoding="utf-8")
@@ -29,6 +31,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, xarray.Dataset]:
         ("characterize", SWEEP),
         ("noise", ["--codes", "4,5"]),
         ("digitizer", ["--codes", "4,5", "--records", "2"]),
+        ("rfm-parity", ["--shots", "20", "--samples", "2000", "--model-windows", "100"]),
     ):
         assert main([name, *words, "--bench", "simulated", "--out", str(folder / name), "--quiet"]) == 0
         with xarray.open_dataset(folder / name / "data.nc") as opened:
@@ -42,7 +45,7 @@ def told(heading: str) -> list[tuple[str, ...]]:
     return sorted((row[0].strip("`"), row[1].strip(), row[2].strip(), row[3]) for row in rows)
 
 
-@pytest.mark.parametrize("name", ["characterize", "noise", "digitizer"])
+@pytest.mark.parametrize("name", ["characterize", "noise", "digitizer", "rfm-parity"])
 def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: str) -> None:
     written = sorted(
         (
@@ -54,7 +57,12 @@ def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: st
         for variable, values in runs[name].variables.items()
         if not str(variable).startswith("housekeeping_")
     )
-    assert sorted(told("Of every shot") + told(f"Of `belahil {name}`")) == written
+    listed = [*told("Of every shot"), *told(f"Of `belahil {name}`")]
+    if name == "rfm-parity":
+        listed += told("Of shots with candidates")
+        # the emulated generator has no pole
+        listed += [row for row in told("Of shots with sampled pulses") if "pole" not in row[0]]
+    assert sorted(listed) == written
 
 
 def test_points_join_their_windows(runs: dict[str, xarray.Dataset]) -> None:
@@ -81,6 +89,7 @@ def test_every_status_that_is_made_has_a_number() -> None:
     made = {"no_usable_point", *get_args(butterworth_fit.Status), *dark, *get_args(sine_fit.SineStatus)}
     made |= {f"noise_{word}" for word in dark if word != "ok"}
     made |= set(get_args(pulse_fit.FitStatus))
+    made |= {*get_args(ParityStatus), *get_args(EchoStatus), *get_args(RunStatus)}
     made -= {"masked"}  # which is ok in a table
     assert made == set(STATUSES)
 

@@ -19,7 +19,17 @@ from belahil.errors import BelahilError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-COMMANDS = ("characterize", "noise", "digitizer", "simulate", "accuracy", "bench", "emulate", "report")
+COMMANDS = (
+    "characterize",
+    "noise",
+    "digitizer",
+    "rfm-parity",
+    "simulate",
+    "accuracy",
+    "bench",
+    "emulate",
+    "report",
+)
 INTERRUPTED, INTERNAL = 130, 70
 
 
