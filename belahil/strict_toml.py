@@ -136,7 +136,25 @@ _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$")
 _ENUM = re.compile(r"Invalid enum value (?P<value>.*)")
 
 
+_KINDS = {
+    "object": "a table",
+    "array": "a list",
+    "str": "text",
+    "float": "a number",
+    "int": "a whole number",
+    "bool": "true or false",
+}
+
+
+def _in_words(match: re.Match[str]) -> str:
+    """Name the kinds of a TOML value as its writer does; nobody can write a null."""
+    return " or ".join(
+        _KINDS.get(kind, kind) for kind in (match[1] or match[2]).split(" | ") if kind != "null"
+    )
+
+
 def _explained(message: str, tree: type[Strict]) -> str:
+    message = re.sub(r"(?<=xpected )`([a-z| ]+)`|(?<=got )`([a-z]+)`", _in_words, message)
     unknown = _UNKNOWN.fullmatch(message)
     if unknown:
         path = unknown["path"] or ""

@@ -15,10 +15,12 @@ if TYPE_CHECKING:
     from belahil.pulse_fit import PulseFit
     from procedures.simulate import Simulation
 
+_BESIDE = 0.01
+"""Of the beam, beyond what the plan cuts off its edge at any sensible tolerance."""
+
 
 def analyse(simulation: Simulation) -> Outcome:
     """Turn a simulation into results, tables and the figure."""
-    chain = simulation.chain
     return Outcome(
         results=_results(simulation),
         tables=_tables(simulation),
@@ -30,9 +32,29 @@ def analyse(simulation: Simulation) -> Outcome:
             "with a Gaussian in the samples round the place where the echo is expected.",
             "arrivals count from the gate, the time of flight to the plane z = 0 at nadir, and have the "
             "delay of the receiver's filter.",
-            *([f"no light comes back: {chain.echo().status}"] if chain.echo().status != "ok" else []),
+            *remarks(simulation),
         ],
     )
+
+
+def remarks(simulation: Simulation) -> list[str]:
+    """Say what a user may not have meant: darkness, a beam beside the terrain, clipped samples."""
+    chain, shots = simulation.chain, simulation.shots
+    said = []
+    if chain.echo().status != "ok":
+        said.append(f"no light comes back: {chain.echo().status}")
+    beside = 1 - chain.lit().delays.lit
+    if chain.echo().status == "ok" and beside > _BESIDE:
+        said.append(f"{100 * beside:.2g} % of the beam meets no known ground; its light is lost")
+    clipped = sum(shot.window.saturated > 0 for shot in shots)
+    if clipped:
+        peak_v = float(simulation.curves["amplified"].max())
+        said.append(
+            f"{clipped} of {len(shots)} windows have samples beyond the converter's span of "
+            f"{chain.receiver.quantizer.full_scale_v:g} V: "
+            f"noise {chain.noise_rms_v:.2g} V rms, echo {peak_v:.2g} V"
+        )
+    return said
 
 
 def _results(simulation: Simulation) -> dict[str, Any]:

@@ -70,7 +70,7 @@ def refused(capsys: Captured, words: list[str], status: int, *said: str) -> None
             ["[generator]", "unknown key `attenuation`", "allowed: driver", "attenuation_db"],
         ),
         ("[genrator]", ["unknown key `genrator`", "allowed: bench, generator, digitizer, emulation, limits"]),
-        ("[generator]\nmax_vpp = 'half'", ["[generator] max_vpp", "expected `float`", "got `str`"]),
+        ("[generator]\nmax_vpp = 'half'", ["[generator] max_vpp", "expected a number", "got text"]),
         ("[bench]\nsettle_s = -1", ["[bench] settle_s", ">= 0"]),
         ("[emulation.receiver]\nadc_bits = 99", ["[emulation.receiver] adc_bits", "<= 16"]),
         ("[emulation.receiver]\nadc_full_scale_v = 2e3", ["receiver] adc_full_scale_v", "<= 1000"]),

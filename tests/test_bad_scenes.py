@@ -105,14 +105,16 @@ REFUSED = [
     Refused(
         "reflectance below zero", "[surface]\nreflectance = -0.1\n", ConfigError, ("reflectance", ">= 0.0")
     ),
-    Refused("altitude 0", "altitude_m = 0.0\n", ConfigError, ("altitude_m: expected `float` >= 1.0",)),
-    Refused("altitude below 0", "altitude_m = -5e5\n", ConfigError, ("altitude_m: expected `float` >= 1.0",)),
-    Refused("no altitude", "altitude_m = nan\n", ConfigError, ("altitude_m",)),
-    Refused("endless altitude", "altitude_m = inf\n", ConfigError, ("altitude_m: expected `float` <= 1",)),
+    Refused("altitude 0", "altitude_m = 0.0\n", ConfigError, ("altitude_m: expected a number >= 1.0",)),
     Refused(
-        "no energy", "[laser]\nenergy_j = 0.0\n", ConfigError, ("[laser] energy_j: expected `float` >=",)
+        "altitude below 0", "altitude_m = -5e5\n", ConfigError, ("altitude_m: expected a number >= 1.0",)
     ),
-    Refused("a wall", "[surface]\nslope_deg = 90.0\n", ConfigError, ("slope_deg: expected `float` < 90.0",)),
+    Refused("no altitude", "altitude_m = nan\n", ConfigError, ("altitude_m",)),
+    Refused("endless altitude", "altitude_m = inf\n", ConfigError, ("altitude_m: expected a number <= 1",)),
+    Refused(
+        "no energy", "[laser]\nenergy_j = 0.0\n", ConfigError, ("[laser] energy_j: expected a number >=",)
+    ),
+    Refused("a wall", "[surface]\nslope_deg = 90.0\n", ConfigError, ("slope_deg: expected a number < 90.0",)),
 ]
 
 

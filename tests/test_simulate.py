@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 from pathlib import Path
@@ -15,7 +16,7 @@ from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from belahil.report import remake
 from procedures.simulate import SimulateOptions, simulate
-from procedures.simulate_outcome import analyse
+from procedures.simulate_outcome import analyse, remarks
 from sim.chain import Chain
 from sim.scene import load_scene, parse_scene
 
@@ -220,6 +221,36 @@ def test_the_dtm_of_a_file_is_simulated(tmp_path: Path) -> None:
     assert status == 0
     results = json.loads((tmp_path / "run" / "summary.json").read_text())["results"]
     assert results["terrain_posts_error"] > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "[surface]\nkind = 'dtm'\nfile = 'ground.npy'\ncentre_m = [44.0, 0.0]\n",
+            "of the beam meets no known ground",
+        ),
+        ("altitude_m = 500.0\n", "2 of 2 windows have samples beyond the converter's span of 2 V"),
+        ("[noise]\ndark_rms_v = 0.83\n", "2 of 2 windows have samples beyond the converter's span of 2 V"),
+        ("[surface]\nreflectance = 0.0\n", "no light comes back: the ground is black"),
+    ],
+)
+def test_what_a_user_may_not_have_meant_is_told(
+    text: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.save(tmp_path / "ground.npy", np.zeros((60, 60)))
+    (tmp_path / "mine.toml").write_text(text)
+
+    arguments = ["simulate", str(tmp_path / "mine.toml"), "--shots", "2", "--out", str(tmp_path / "run")]
+    assert main(arguments) == 0
+
+    assert words in capsys.readouterr().out.partition("note: ")[2]
+    assert words in html.unescape((tmp_path / "run" / "report.html").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", ["plane", "day", "fractal"])
+def test_of_a_scene_as_it_should_be_nothing_is_remarked(name: str) -> None:
+    assert remarks(simulate(load_scene(name), SimulateOptions(1e-2, 2))) == []
 
 
 def test_a_real_terrain_model_runs_from_end_to_end(tmp_path: Path) -> None:

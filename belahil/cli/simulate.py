@@ -52,7 +52,7 @@ def command(
     from belahil.run_folder import refuse_used
     from belahil.scene_run import SceneRun
     from procedures.simulate import SimulateOptions, simulate
-    from procedures.simulate_outcome import analyse
+    from procedures.simulate_outcome import analyse, remarks
     from sim.scene import as_toml, load_scene
 
     loaded = load_scene(scene)
@@ -77,7 +77,7 @@ def command(
     if as_json:
         sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
     elif not quiet:
-        for line in _lines(chain, summary["results"]):
+        for line in [*_lines(chain, summary["results"]), *(f"note: {one}" for one in remarks(simulation))]:
             print(line)
         print(f"report: {folder / 'report.html'}")
     return 0
@@ -92,6 +92,7 @@ def _lines(chain: Chain, results: dict[str, Any]) -> list[str]:
         "",
         f"echo: {echo['photons']:.4g} photons, {1e15 * echo['energy_j']:.3g} fJ, "
         f"{1e3 * echo['peak_at_converter_v']:.3g} mV at the converter",
+        "one shot, compared without noise, by night and by day:",
     ]
     for row in results["cases"]:
         fitted = row["status"]
@@ -100,10 +101,15 @@ def _lines(chain: Chain, results: dict[str, Any]) -> list[str]:
                 f", arrival {1e9 * row['arrival_s']:.2f} ns, fwhm {1e9 * row['fwhm_s']:.2f} ns, "
                 f"amplitude {1e3 * row['amplitude_v']:.2f} mV"
             )
-        lines.append(f"{row['case']}: noise {1e3 * row['noise_rms_v']:.3g} mV rms; Gaussian {fitted}")
+        lines.append(f"  {row['case']}: noise {1e3 * row['noise_rms_v']:.3g} mV rms; Gaussian {fitted}")
     shots = results["shots"]
-    lines.append(f"range finder: echo among its candidates in {shots['detected']} of {shots['count']} shots")
+    lines.append("every shot, with the noise of the scene:")
+    lines.append(
+        f"  range finder: echo among its candidates in {shots['detected']} of {shots['count']} shots"
+    )
     if shots["arrival_spread"] is not None:
         spread = one_text(shots["arrival_spread"])
-        lines.append(f"{shots['fitted']} of {shots['count']} shots: arrival varies by {spread}")
+        lines.append(
+            f"  Gaussian: fits {shots['fitted']} of {shots['count']} shots, arrival varies by {spread}"
+        )
     return lines
