@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from belahil.errors import RefusedInput
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.detector import in_field_of_view, optical_transmission, solid_angle_sr
 from sim.echo import echo
 from sim.footprint import DelayHistogram, Delays, NoReturn, delays, plan_footprint
@@ -48,6 +49,12 @@ _FINER = 16
 
 _FINEST = 4096
 """Of them in a sample interval."""
+
+_SMOOTH = 32
+"""Steps of delay from pixel to pixel in the standard deviation of such a pulse: a slope would show them."""
+
+_MOST_PIXELS = 200_000
+"""For them, since they are there for the light alone, which no tolerance binds before the receiver."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +212,8 @@ class Illumination:
         """Plan the footprint for the light itself, whose kernel no filter has smoothed.
 
         No bins keep the tolerance there where a pulse from a table bends or jumps. Then they are so fine that
-        straight lines between them keep it behind the receiver, over the pixels of the plan for samples.
+        straight lines between them keep it behind the receiver, and the pixels so small that a picture of the
+        light has no steps; on steep slopes those of a pulse that jumps remain, some percent of the peak.
         Never are pixels larger than those, which edges may have made small.
         """
         try:
@@ -216,7 +224,17 @@ class Illumination:
             step_s = straight_line_step_s(kernel.pulse, accuracy.tolerance)
             if step_s * _FINEST < interval_s:
                 raise RefusedInput(f"{error}; begin and end the table of the pulse with no power") from error
-            return replace(samples, bin_s=samples.bin_s / max(_FINER, math.ceil(samples.bin_s / step_s)))
+            area_m2 = samples.pixels * samples.pixel_m**2
+            tilt = 2 * math.tan(samples.slope_rad) / SPEED_OF_LIGHT_M_PER_S
+            smooth_m = kernel.pulse.std_s / _SMOOTH / tilt if tilt else math.inf
+            finer = math.ceil(samples.pixel_m / max(smooth_m, math.sqrt(area_m2 / _MOST_PIXELS)))
+            pixel_m = samples.pixel_m / max(1, finer)
+            return replace(
+                samples,
+                bin_s=samples.bin_s / max(_FINER, math.ceil(samples.bin_s / step_s)),
+                pixel_m=pixel_m,
+                pixels=math.ceil(area_m2 / pixel_m**2),
+            )
         if 0 < samples.pixel_m < found.pixel_m:
             return replace(found, pixel_m=samples.pixel_m, pixels=samples.pixels)
         return found

@@ -106,6 +106,24 @@ def test_a_coarse_pulse_table_is_as_good_behind_the_receiver(
     assert chain.echo().photons == pytest.approx(Chain(BARE).echo().photons, rel=2 * tolerance)
 
 
+@pytest.mark.parametrize(
+    ("rows", "tolerance", "step", "slope_deg"),
+    [(BENDS, 1e-4, 0.003, 10.0), (BENDS, 1e-4, 0.003, 40.0), (JUMPS, 1e-2, 0.02, 10.0)],
+)
+def test_the_light_of_a_coarse_pulse_table_rises_and_falls_once_on_a_plane(
+    tmp_path: Path, rows: str, tolerance: float, step: float, slope_deg: float
+) -> None:
+    (tmp_path / "pulse.txt").write_text(rows)
+    table = {"pulse": "table", "table": str(tmp_path / "pulse.txt")}
+    scene = with_(BARE, laser=table, surface={"slope_deg": slope_deg})
+
+    rate = Chain(scene, Accuracy(tolerance)).echo().photon_rate_hz(-300e-9, 0.5e-9, 1201)
+
+    top = int(rate.argmax())
+    against = [np.diff(rate[: top + 1]).clip(max=0), np.diff(rate[top:]).clip(min=0)]
+    assert max(float(np.abs(one).max()) for one in against) < step * rate.max()
+
+
 @pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-4])
 def test_all_light_of_a_pulse_table_is_there_on_level_ground(tmp_path: Path, tolerance: float) -> None:
     # Given a pulse whose spectrum reaches thousands of times further than that of the receiver
