@@ -23,6 +23,7 @@ COMMANDS = (
     "characterize",
     "noise",
     "digitizer",
+    "energy-calibration",
     "rfm-parity",
     "simulate",
     "accuracy",

@@ -1,0 +1,97 @@
+"""``belahil energy-calibration``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from belahil.cli.options import Decimals, common, common_options, receiver_option, windows_option
+
+
+@click.command("energy-calibration", short_help="From electrical integrals to optical energy.")
+@click.option(
+    "--widths-ns",
+    type=Decimals(-9),
+    metavar="LIST",
+    help="Full widths of the played pulses; 12 from 6 to 100 when left out.",
+)
+@click.option(
+    "--peaks-mv", type=Decimals(-3), metavar="LIST", help="Their heights at the cut; 8,25,80 when left out."
+)
+@click.option(
+    "--shots", type=click.IntRange(min=1), metavar="N", help="Of each width and height; 8 when left out."
+)
+@click.option(
+    "--gain-code", type=click.IntRange(min=0), metavar="N", help="4 when left out, else the receiver's first."
+)
+@click.option(
+    "--scene",
+    metavar="SCENE",
+    help="Laser, detector, and the terrain model of simulated footprints; fractal when left out.",
+)
+@click.option(
+    "--footprints",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Simulated at each of six altitudes; 150 when left out.",
+)
+@receiver_option
+@windows_option
+@common_options
+def command(
+    widths_ns: tuple[float, ...] | None,
+    peaks_mv: tuple[float, ...] | None,
+    receiver: Path | None,
+    windows: Path | None,
+    shots: int | None,
+    gain_code: int | None,
+    scene: str | None,
+    footprints: int | None,
+    **given: Any,
+) -> int:
+    """Find what converts the integrals of a digitized pulse to the optical energy of its echo.
+
+    Pulses of known width and area are played; planes and footprints are simulated; both are compared with the
+    published lines.
+    """
+    from belahil.cli.measuring import Job, perform
+
+    chosen = {
+        "widths_s": widths_ns,
+        "peaks_v": peaks_mv,
+        "shots": shots,
+        "gain_code": gain_code,
+        "scene": scene,
+        "footprints": footprints,
+        "receiver": _known(receiver),
+    }
+    return perform(Job("energy-calibration", "EnergyOptions", _lines), common(**given), chosen, windows)
+
+
+def _known(folder: Path | None) -> dict[str, Any] | None:
+    if folder is None:
+        return None
+    from dataclasses import asdict
+
+    from procedures.known_receiver import characterized_receiver
+
+    return asdict(characterized_receiver(folder))
+
+
+def _lines(results: dict[str, Any]) -> list[str]:
+    from belahil.report.tables import one_text
+
+    if results["status"] != "ok":
+        return [f"no line: {results['status']}; windows: {results['points']}"]
+    lines = []
+    for name, words in (("gaussian", "fitted Gaussian"), ("window", "correlation window")):
+        one, printed = results["measured"][name], results["published"][name]
+        lines.append(
+            f"{words}: slope {one_text(one['slope'])} (published {1e9 * printed['slope']:.0f}), "
+            f"intercept by slope {one_text(one['intercept_by_slope'])} "
+            f"(published {1e9 * printed['intercept_by_slope']:.2f} ns), "
+            f"{100 * one['left']:.1f} % left after the curve (published {100 * printed['left']:.1f} %)"
+        )
+    return lines

@@ -1,0 +1,137 @@
+"""From the windows of played pulses to points of a calibration, each with its status."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from belahil.errors import RefusedInput
+from belahil.stimuli import SampledPulse, largest_volts
+from procedures.clipping import with_clipping
+from procedures.energy_fit import clusters
+from procedures.energy_model import (
+    EnergyPoints,
+    at_reference,
+    energy_per_volt_second,
+    finder_of,
+    played_area_v_s,
+)
+from procedures.pulse_energy import PulseEnergy, window_energy
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from belahil.values import Shot
+    from procedures.known_receiver import KnownReceiver
+    from sim.rfm import RangeFinder
+    from sim.scene import Scene
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """What the windows say.
+
+    Parameters
+    ----------
+    shot : ndarray of int, shape (n,)
+        Index in the plan; every array has a row for each window with a sampled pulse.
+    pulses : tuple of PulseEnergy
+        Found.
+    area_v_s, width_s, peak_v : ndarray, shape (n,)
+        Of the stimulus as played at the cut: area, V s; area divided by the peak, s; peak, V.
+    energy_j : ndarray, shape (n,)
+        Optical energy that such an area stands for, at the reference gains, J.
+    gain : ndarray, shape (n,)
+        Known gain at the window's gain code.
+    group : ndarray of int, shape (n,)
+        Pulses of one played width have one number.
+    stimuli : tuple of SampledPulse
+        One for each group.
+    finder : RangeFinder
+        Of the receiver.
+    """
+
+    shot: NDArray[np.int64]
+    pulses: tuple[PulseEnergy, ...]
+    area_v_s: NDArray[np.float64]
+    width_s: NDArray[np.float64]
+    peak_v: NDArray[np.float64]
+    energy_j: NDArray[np.float64]
+    gain: NDArray[np.float64]
+    group: NDArray[np.int64]
+    stimuli: tuple[SampledPulse, ...]
+    finder: RangeFinder
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Windows with a pulse that has both integrals, shape (n,)."""
+        return np.array([one.usable for one in self.pulses], dtype=np.bool_)
+
+    @property
+    def points(self) -> EnergyPoints:
+        """The usable ones."""
+        return EnergyPoints.of_pulses(self.pulses, self.energy_j)
+
+    @property
+    def counted(self) -> dict[str, int]:
+        """How many windows have each status."""
+        return dict(sorted(Counter(one.status for one in self.pulses).items()))
+
+
+def read_shots(
+    shots: Iterable[Shot],
+    receiver: KnownReceiver,
+    scene: Scene,
+    window_samples: int,
+    converters: int,
+    bits: int,
+) -> Readings:
+    """Find the pulse of each window of a sampled pulse.
+
+    Raises
+    ------
+    RefusedInput
+        A window of a gain code that `receiver` does not know, of another sample interval, or of a stimulus
+        without area.
+    """
+    finder = finder_of(receiver, window_samples)
+    rows, pulses, stimuli = [], [], []
+    for shot in shots:
+        played = shot.played
+        if not isinstance(played, SampledPulse):
+            continue
+        window = with_clipping(shot, bits).window
+        if abs(window.sample_interval_s / receiver.sample_interval_s - 1) > 1e-6:
+            raise RefusedInput(
+                f"shot {window.shot}: samples every {window.sample_interval_s:.6g} s; "
+                f"{receiver.origin} has {receiver.sample_interval_s:.6g} s: another receiver"
+            )
+        area_v_s, peak_v = played_area_v_s(played), largest_volts(played)
+        if not area_v_s > 0:
+            raise RefusedInput(
+                f"shot {window.shot}: a stimulus with an area of {area_v_s:.4g} V s; above zero is needed"
+            )
+        gain = receiver.at(window.gain_code).gain.value
+        energy_j = area_v_s * energy_per_volt_second(scene) * at_reference(scene, gain)
+        rows.append((window.shot, area_v_s, area_v_s / peak_v, peak_v, energy_j, gain))
+        pulses.append(window_energy(window, finder, converters, bits))
+        stimuli.append(played)
+    table = np.array(rows, dtype=np.float64).reshape(-1, 6).T
+    group = clusters(table[2])
+    return Readings(
+        shot=table[0].astype(np.int64),
+        pulses=tuple(pulses),
+        area_v_s=table[1],
+        width_s=table[2],
+        peak_v=table[3],
+        energy_j=table[4],
+        gain=table[5],
+        group=group,
+        stimuli=tuple(stimuli[int(np.argmax(group == one))] for one in range(group.max(initial=-1) + 1)),
+        finder=finder,
+    )
