@@ -147,6 +147,7 @@ class LimitsTable(Strict, frozen=True):
     input_noise_rms_v: Span | None = None
     enob: Span | None = None
     sinad_db: Span | None = None
+    reduced_chi_square: Span | None = None
 
 
 class BenchConfig(Strict, frozen=True):

@@ -46,6 +46,10 @@ STATUSES = (
     "another_receiver",
     "not_known",
     "marker_lost",
+    "echo_too_faint",
+    "mixed_gain_codes",
+    "equal_windows",
+    "pulse_below_noise",
 )
 """All words of a status column. The place of a word is its number in data files, so new ones go last."""
 

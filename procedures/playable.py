@@ -29,7 +29,7 @@ from belahil.generators import FULL_CODE, behind_output, per_50_ohm, setting_for
 from belahil.stimuli import SampledPulse, largest_volts, scaled
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -100,7 +100,7 @@ def playable(
         It is so faint that the generator's smallest amplitude would leave part of its converter unused, with
         the attenuator that would serve; or too large, too long, or before the trigger.
     """
-    check_not_too_faint(wished, model, config)
+    check_not_too_faint([wished], model, config)
     stimulus = _on_grid(wished, model, interpolation)
     factor = setting_per_cut_volt(config)
     setting = setting_for(scaled(stimulus, factor), model, config.generator.load_ohm, config.bench.trigger)
@@ -116,18 +116,19 @@ def is_too_faint(pulse: SampledPulse, model: GeneratorModel, config: BenchConfig
     return _setting_vpp(largest_volts(pulse), config) < _least_vpp(model, config)
 
 
-def check_not_too_faint(pulse: SampledPulse, model: GeneratorModel, config: BenchConfig) -> None:
-    """Refuse a pulse that is too faint for the generator.
+def check_not_too_faint(pulses: Sequence[SampledPulse], model: GeneratorModel, config: BenchConfig) -> None:
+    """Refuse pulses of which the faintest is too faint for the generator.
 
     Raises
     ------
     LimitExceeded
-        One line, with the attenuator that would serve.
+        One line, with the attenuator that would serve all of them.
     """
-    if not is_too_faint(pulse, model, config):
+    faintest = min(pulses, key=largest_volts)
+    if not is_too_faint(faintest, model, config):
         return
-    peak_v = largest_volts(pulse)
-    advised_db = advised_attenuation_db([peak_v], model, config)
+    peak_v = largest_volts(faintest)
+    advised_db = advised_attenuation_db(map(largest_volts, pulses), model, config)
     advice = "no attenuator of up to 60 dB would do"
     if advised_db is not None:
         advice = (

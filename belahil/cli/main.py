@@ -25,6 +25,7 @@ COMMANDS = (
     "digitizer",
     "energy-calibration",
     "rfm-parity",
+    "pulse-shape",
     "simulate",
     "accuracy",
     "bench",
