@@ -77,6 +77,10 @@ def beam_sigma_m(laser: Laser, altitude_m: float) -> tuple[float, float]:
     return sigma_m / stretch, sigma_m * stretch
 
 
+_LINEAR = 1 / 6
+"""Variance that a single pixel has by linear interpolation, pixels^2: no beam is narrower."""
+
+
 class BeamImage:
     """A measured profile; its centroid is the axis of the beam.
 
@@ -98,7 +102,9 @@ class BeamImage:
             raise ConfigError(f"an image of shape {pixels.shape}: must be one grey picture, 2 x 2 or more")
         if not (np.all(np.isfinite(pixels)) and pixels.min() >= 0 and pixels.max() > 0):
             raise ConfigError("an image: pixels must be finite, not negative, and somewhere positive")
-        self.pixels, self.pixel_rad = pixels, pixel_rad
+        # Dark pixels about it: brightness falls to zero over one pixel, and no light is cut off.
+        self.pixels = pixels = np.pad(pixels, 1)
+        self.pixel_rad = pixel_rad
         share = pixels / pixels.sum()
         rows, columns = np.arange(pixels.shape[0]), np.arange(pixels.shape[1])
         self._row, self._column = float(share.sum(axis=1) @ rows), float(share.sum(axis=0) @ columns)
@@ -109,11 +115,11 @@ class BeamImage:
                 [-(down @ share @ right), share.sum(axis=1) @ down**2],
             ]
         )
-        minor, major = np.sqrt(np.maximum(np.linalg.eigvalsh(spread), 0.0)) * pixel_rad
+        minor, major = np.sqrt(np.maximum(np.linalg.eigvalsh(spread), _LINEAR)) * pixel_rad
         self.sigma_rad = (float(major), float(minor))
 
     def at(self, along_rad: NDArray[np.float64], across_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the brightness at angles from the axis, linear between pixels, zero outside."""
+        """Return the brightness at angles from the axis, linear between pixels, zero a pixel outside."""
         column = self._column + np.asarray(along_rad) / self.pixel_rad
         row = self._row - np.asarray(across_rad) / self.pixel_rad
         last_row, last_column = self.pixels.shape[0] - 1, self.pixels.shape[1] - 1

@@ -276,7 +276,8 @@ def test_an_elliptical_beam_on_a_slope_has_the_spread_of_its_axis() -> None:
 
 
 def test_an_image_of_a_gaussian_lights_like_one(tmp_path: object) -> None:
-    angles = 1e-6 * np.arange(-40, 41)
+    # Out to 4.8 standard deviations: a picture is normalised to the light that is in it.
+    angles = 1e-6 * np.arange(-60, 61)
     picture = np.exp(-0.5 * ((angles[:, None] ** 2 + angles**2) / 12.5e-6**2))
     np.save(f"{tmp_path}/beam.npy", picture)
     laser = structs.replace(LASER, beam="image", image=f"{tmp_path}/beam.npy", image_pixel_rad=1e-6)
@@ -318,3 +319,23 @@ def test_shares_of_a_tolerance_are_the_whole() -> None:
 def test_no_altitude_is_refused(altitude_m: float) -> None:
     with pytest.raises(RefusedInput, match="altitude"):
         plan_footprint(Accuracy(1e-3), KERNEL, LASER, altitude_m, white(1.0), INTERVAL_S)
+
+
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-3])
+@pytest.mark.parametrize("slope_deg", [0.0, 30.0])
+@pytest.mark.parametrize(
+    "picture",
+    [np.ones((5, 5)), np.ones((2, 3)), np.pad([[1.0]], 1), np.pad([[1.0, 1.0, 1.0]], 1)],
+    ids=["bright to its edge", "2 x 3", "one pixel", "a line"],
+)
+def test_no_light_of_an_image_is_lost(
+    tmp_path: object, picture: np.ndarray, slope_deg: float, tolerance: float
+) -> None:
+    np.save(f"{tmp_path}/beam.npy", picture)
+    laser = structs.replace(LASER, beam="image", image=f"{tmp_path}/beam.npy", image_pixel_rad=5e-6)
+    surface = white(slope_deg)
+
+    plan = plan_footprint(Accuracy(tolerance), KERNEL, laser, ALTITUDE_M, surface, INTERVAL_S)
+
+    light = delays(surface, laser, ALTITUDE_M, plan)
+    assert light.total == pytest.approx(1.0, abs=2 * tolerance)
