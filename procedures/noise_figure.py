@@ -55,5 +55,10 @@ def noise_figure(found: dict[int | None, DarkNoise]) -> Figure:
     right.set_xlabel("frequency, MHz")
     right.set_ylabel("noise density, nV/√Hz")
     right.set_yscale("log")
-    right.legend(fontsize=7, ncols=2 if len(found) > 6 else 1)
+    if len(found) > 6:
+        # Room below the curves, which fill the rest.
+        right.set_ylim(bottom=right.get_ylim()[0] / 4)
+        right.legend(fontsize=7, ncols=4, loc="lower center")
+    else:
+        right.legend(fontsize=7)
     return figure
