@@ -197,6 +197,30 @@ def test_only_wide_tables_are_dense_and_break_their_words(tmp_path: Path) -> Non
     assert (page.count("<td>a_<wbr>&lt;b&gt;</td>"), page.count("<td>a_&lt;b&gt;</td>")) == (6, 5)
 
 
+def test_plain_numbers_have_the_prefix_of_their_size() -> None:
+    first, second = grids(
+        {
+            "echo": {"energy_j": 2.5e-16, "photons": 1300.0, "count_s": 3, "drift_ppm": 2e-4},
+            "cases": [{"noise_v": 0.0, "at_s": 2.1e-8}, {"noise_v": 8.3e-4, "at_s": None}],
+        }
+    )
+
+    assert first.rows == (
+        ("echo energy", "0.25 fJ"),
+        ("echo photons", "1300"),
+        ("echo count (s)", "3"),
+        ("echo drift (ppm)", "0.0002"),
+    )
+    assert second.columns == ("noise (µV)", "at (ns)")
+    assert second.rows == (("0", "21"), ("830", "\N{EN DASH}"))
+
+
+def test_a_column_with_a_whole_number_keeps_the_unit_of_its_key() -> None:
+    (only,) = grids({"whole": [{"width_s": 0.5}, {"width_s": 3}, {"width_s": 2e-9}]})
+
+    assert (only.columns, only.rows) == (("width (s)",), (("0.5",), ("3",), ("2e-09",)))
+
+
 def test_results_of_any_shape_are_laid_out() -> None:
     results = json.loads(
         '{"clock_ppm": {"value": 12.3456, "standard_uncertainty": 0.123, "unit": "1e-6"}, "empty": [],'

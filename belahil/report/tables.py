@@ -44,7 +44,7 @@ def grids(results: dict[str, Any]) -> list[Grid]:
     rest = {key: value for key, value in results.items() if key not in lists}
     found = [_grid(named(key), [_flat(row) for row in rows]) for key, rows in lists.items()]
     if rest:
-        rows = tuple((named(key, value), one_text(value)) for key, value in _flat(rest).items())
+        rows = tuple(_row(key, value) for key, value in _flat(rest).items())
         found.insert(0, Grid("Results", ("quantity", "value"), rows))
     return found
 
@@ -120,16 +120,34 @@ def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
     powers: dict[str, int] = {}
     headings = []
     for key in keys:
-        measured = [row[key] for row in rows if _is_measured(row.get(key))]
-        unit = measured[0]["unit"] if measured else "1"
+        filled = [row[key] for row in rows if row.get(key) is not None]
+        measured = [cell for cell in filled if _is_measured(cell)]
+        unit = measured[0]["unit"] if measured else _plain_unit(key)
         sizes = [abs(cell["value"]) for cell in measured]
+        # A zero among plain numbers, such as no noise, says nothing of the size of the others.
+        if all(isinstance(cell, float) for cell in filled):
+            sizes = [abs(cell) for cell in filled if cell]
         powers[key] = prefix_power(statistics.median_high(sizes), unit) if sizes else 0
         shown = unit_text(unit, powers[key])
-        sample = next((row[key] for row in rows if row.get(key) is not None), None)
-        name = named(key, sample)
+        name = named(key) if shown else named(key, filled[0] if filled else None)
         headings.append(f"{name} ({shown})" if shown else name)
     cells = tuple(tuple(_cell(row.get(key), powers[key]) for key in keys) for row in rows)
     return Grid(title, tuple(headings), cells)
+
+
+def _row(key: str, value: Any) -> tuple[str, str]:
+    """Name and text of one result, a plain number with the prefix of its size."""
+    unit = _plain_unit(key)
+    if unit == "1" or not isinstance(value, float):
+        return named(key, value), one_text(value)
+    power = prefix_power(value, unit)
+    return named(key), f"{_cell(value, power)} {unit_text(unit, power)}"
+
+
+def _plain_unit(key: str) -> str:
+    """Return the unit in a key, "1" where there is none or none that takes a prefix."""
+    front, _, last = key.rpartition("_")
+    return SUFFIXES[last] if front and last in SUFFIXES and last not in ("ppm", "db") else "1"
 
 
 def _cell(value: Any, power: int) -> str:
@@ -138,7 +156,7 @@ def _cell(value: Any, power: int) -> str:
     if _is_measured(value):
         return written(value["value"], value["standard_uncertainty"], power)
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return f"{value / 10.0**power:.4g}"
     if isinstance(value, list):
         return ", ".join(_cell(item, 0) for item in value) or MISSING
     return str(value)
