@@ -225,7 +225,8 @@ def _rasterio(path: str | Path) -> Any:
         import rasterio.errors
     except ImportError as error:
         raise RefusedInput(
-            f"{path}: reading a GeoTIFF needs rasterio ({error}); install belahil[dtm], or give an array"
+            f"{path}: reading a GeoTIFF needs rasterio ({error}); "
+            "install it beside belahil, or give an array (.npy)"
         ) from error
     return rasterio
 

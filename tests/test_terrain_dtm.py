@@ -239,7 +239,7 @@ def test_without_rasterio_it_says_what_to_install(tmp_path: Path, monkeypatch: p
     message = refusal(tmp_path / "hill.tif")
 
     assert "needs rasterio" in message
-    assert "install belahil[dtm], or give an array" in message
+    assert "install it beside belahil, or give an array" in message
 
 
 # ---- a real one
