@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from belahil.errors import RefusedInput
 from belahil.stimuli import NoSignal, SampledPulse
 from sim.chain_light import span_s
 from sim.chain_noise import StationaryNoise
@@ -27,6 +28,8 @@ _START_STEP_S = 1e-9
 _SETTLED = 20.0
 """Times that the response needs to change, by which noise begins before the first sample."""
 
+_MOST_POINTS = 20_000_000
+
 _COARSEST = 8
 """Break points in a sample interval, at least: shot noise is to fill the band of the receiver."""
 
@@ -34,6 +37,8 @@ _COARSEST = 8
 def stimulus(chain: Chain, shot: int | None, sample_rate_hz: float | None) -> SampledPulse | NoSignal:
     """Return the voltage at the cut; see `sim.chain.Chain.stimulus`."""
     rate_hz = sample_rate_hz
+    if rate_hz is not None and not 0 < rate_hz < math.inf:
+        raise RefusedInput(f"a stimulus at {rate_hz!r} Hz: must be positive and finite")
     if rate_hz is None:
         enough_hz = break_points_hz(
             chain.kernel, chain.accuracy.tolerance, chain.receiver.spec.sample_rate_hz
@@ -43,6 +48,10 @@ def stimulus(chain: Chain, shot: int | None, sample_rate_hz: float | None) -> Sa
         rate_hz = _on_bins(enough_hz, chain.light_bin_s)
     begin_s, end_s = _stretch_s(chain)
     count = math.ceil((end_s - begin_s) * rate_hz) + 1
+    if count > _MOST_POINTS:
+        raise RefusedInput(
+            f"a stimulus of {count} points at {rate_hz:.3g} Hz: at most {_MOST_POINTS} are allowed"
+        )
     volts = chain.echo(shot).photon_rate_hz(begin_s - chain.gate_s, 1 / rate_hz, count)
     volts *= volts_per_photon_rate(chain.scene.detector)
     if shot is not None and chain.light_noise:

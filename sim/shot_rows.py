@@ -165,6 +165,8 @@ class ShotRows:
         numbers = given.astype(np.int64)
         places = np.zeros((numbers.size, 2))
         places += 0.0 if centres_m is None else np.asarray(centres_m, dtype=np.float64)
+        if not np.isfinite(places).all():
+            raise RefusedInput("centres_m of rows of shots: every number must be finite")
         most = self._chain.range_finder.candidate_count
         rows, counts = np.zeros((numbers.size, most, 3)), np.zeros(numbers.size, dtype=np.int64)
         lit, saturated = np.zeros(numbers.size), np.zeros(numbers.size, dtype=np.int64)

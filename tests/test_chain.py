@@ -476,3 +476,9 @@ def test_the_whole_window_is_computed_only_where_somebody_asks(monkeypatch: pyte
     chain.candidates(1)
 
     assert sizes[-1] == 16064
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -1.0, math.nan, math.inf, 1e15])
+def test_a_stimulus_at_an_impossible_rate_is_refused(rate_hz: float) -> None:
+    with pytest.raises(RefusedInput, match=r"a stimulus (at|of)"):
+        Chain(BARE).stimulus(None, rate_hz)

@@ -228,3 +228,9 @@ def test_shots_that_are_no_whole_numbers_are_refused_and_no_shots_are_none():
     with pytest.raises(RefusedInput, match="whole numbers"):
         rows.candidates([0.0, 1.5])
     assert rows.candidates([]).found.size == 0
+
+
+@pytest.mark.parametrize("place", [np.nan, np.inf])
+def test_a_place_that_is_none_is_refused(place):
+    with pytest.raises(RefusedInput, match="centres_m of rows of shots: every number must be finite"):
+        ShotRows(Chain(steady_fractal())).candidates([0], [[place, 0.0]])
