@@ -146,7 +146,7 @@ def _on_grounds(
     for slope_deg in slopes_deg or (scene.surface.slope_deg,):
         for azimuth_deg in azimuths_deg or (scene.surface.azimuth_deg,):
             surface = structs.replace(scene.surface, slope_deg=slope_deg, azimuth_deg=azimuth_deg)
-            told = f"{name}, slope {slope_deg:g}, azimuth {azimuth_deg:g}"
+            told = f"{name} slope {slope_deg:g} azimuth {azimuth_deg:g}"
             yield told, structs.replace(scene, surface=surface)
 
 

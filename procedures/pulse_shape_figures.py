@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from procedures.pulse_shape_results import CaseResult, Compared
 
 PLAYED, WISHED, SAMPLES = "#0072B2", "#D55E00", "0.55"
-_BINS = 4
-"""Bins of the mean residual in a sample interval."""
+_BINS, _FINE = 4, 8
+"""Bins of the mean residual, and of a prediction, in a sample interval."""
 
 
 def pulse_figure(one: CaseResult) -> Figure:
@@ -35,9 +35,9 @@ def pulse_figure(one: CaseResult) -> Figure:
     wished = "" if one.wished is None else " and for what was wished (dashed)"
     figure.set_label(
         f"{one.case.name}: samples of {one.windows} windows, each shifted to where its prediction fits best, "
-        f"over the prediction for what was played (line){wished}. Below: measured minus predicted; points: "
-        "every sample, for what was played; curves: means in quarters of a sample interval, two standard "
-        "uncertainties about them."
+        f"over the mean prediction for what was played (line){wished}. Below: measured minus predicted; "
+        "points: every sample, for what was played; curves: means in quarters of a sample interval, two "
+        "standard uncertainties about them."
     )
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     interval_s = one.interval_s
@@ -45,26 +45,13 @@ def pulse_figure(one: CaseResult) -> Figure:
     times_ns = _times_ns(fit, interval_s, zero_s)
     measured = fit.predicted_v + fit.residual_v
     top.plot(times_ns.ravel(), 1e3 * measured.ravel(), ".", color=SAMPLES, ms=2, alpha=0.4, label="samples")
-    order = np.argsort(times_ns, axis=None)
-    top.plot(
-        times_ns.ravel()[order],
-        1e3 * fit.predicted_v.ravel()[order],
-        color=PLAYED,
-        lw=1.4,
-        label=f"predicted for what was played: {_told(one, one.played.reduced)}",
-    )
+    told = f"predicted for what was played: {_told(one, one.played.reduced)}"
+    _curve(top, fit, times_ns, interval_s, "-", PLAYED, told)
     if one.wished is not None:
         other = one.wished.fit
         wished_ns = _times_ns(other, interval_s, zero_s) - 1e9 * float(np.mean(other.first_s - fit.first_s))
-        order = np.argsort(wished_ns, axis=None)
-        top.plot(
-            wished_ns.ravel()[order],
-            1e3 * other.predicted_v.ravel()[order],
-            "--",
-            color=WISHED,
-            lw=1.2,
-            label=f"predicted for what was wished: {_told(one, one.wished.reduced)}",
-        )
+        told = f"predicted for what was wished: {_told(one, one.wished.reduced)}"
+        _curve(top, other, wished_ns, interval_s, "--", WISHED, told)
     top.set_ylabel("at the converter, mV")
     top.legend(fontsize=8, loc="upper right")
     bottom.plot(times_ns.ravel(), 1e3 * fit.residual_v.ravel(), ".", color=SAMPLES, ms=2, alpha=0.25)
@@ -77,6 +64,20 @@ def pulse_figure(one: CaseResult) -> Figure:
     bottom.set_ylabel("measured - predicted, mV")
     bottom.set_xlabel("time from the peak of the prediction, ns")
     return figure
+
+
+def _curve(
+    axes: Axes,
+    fit: ShapeFit,
+    times_ns: NDArray[np.float64],
+    interval_s: float,
+    line: str,
+    colour: str,
+    label: str,
+) -> None:
+    """Draw the predictions of all windows as one curve: their mean, where each has a waveform of its own."""
+    means = binned(times_ns, fit.predicted_v, 1e9 * interval_s / _FINE)
+    axes.plot(means.places, 1e3 * means.means, line, color=colour, lw=1.3, label=label)
 
 
 def _told(one: CaseResult, reduced: float) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from belahil.outcome import BudgetLine, Outcome
 from belahil.values import Estimate
-from belahil.verdict import Check, Decision
+from belahil.verdict import Check, decide
 from procedures.pulse_shape import trigger_late_s
 from procedures.pulse_shape_tables import tables
 
@@ -22,9 +22,13 @@ if TYPE_CHECKING:
     from procedures.pulse_shape import PulseShapePlan
     from procedures.pulse_shape_results import CaseResult, Compared, Tested
 
-_DECISIONS: dict[str, Decision] = {"agrees": "pass", "differs": "fail", "undecided": "undecided"}
-_SHARES = 3.0
-"""Half width, in standard uncertainties, of the interval that a report shows beside a reduced chi-square."""
+_NAMES = {
+    "cutoff_hz": "cutoff",
+    "highpass_hz": "highpass",
+    "output": "bandwidth",
+    "interleave_skew_s": "interleave_skew",
+}
+"""What the moved numbers are called in the results; a pull has no unit."""
 
 
 def outcome(plan: PulseShapePlan, found: Compared, config: BenchConfig) -> Outcome:
@@ -51,20 +55,19 @@ def outcome(plan: PulseShapePlan, found: Compared, config: BenchConfig) -> Outco
         budget=list(_budget(found)),
         notes=list(_notes(plan, found, config)),
         checks=[
-            Check(
-                limit="prediction",
-                label=one.case.name,
-                low=1 - _SHARES * (one.played.level_u if one.played else 0.0),
-                high=1 + _SHARES * (one.played.level_u if one.played else 0.0),
-                estimate=one.level(one.played),
-                decision=_DECISIONS[one.verdict],
-            )
+            Check("tests_failed", one.case.name, 0, 0, failed, decide(0, 0, failed))
             for one in found.cases
+            for failed in [_failed(one)]
         ],
         verdict_values={
             "reduced_chi_square": [(one.case.name, one.level(one.played)) for one in found.cases]
         },
     )
+
+
+def _failed(one: CaseResult) -> Estimate | None:
+    """How many of the three tests say that the prediction differs: a whole number, known for certain."""
+    return Estimate(len(one.played.failed), 0.0) if one.status == "ok" and one.played else None
 
 
 def _estimate(value: float, uncertainty: float, unit: str) -> dict[str, Any] | None:
@@ -100,7 +103,7 @@ def _tests(tested: Tested) -> dict[str, Any]:
         "reduced_chi_square": Estimate(tested.reduced, tested.level_u).as_json(),
         "degrees_of_freedom": fit.freedom,
         "adjusted_chi_square": fit.adjusted,
-        "pulls": dict(fit.pulls),
+        "pulls": {_NAMES.get(name, name): pull for name, pull in fit.pulls.items()},
         "shape_chi_square": fit.shape,
         "shape_degrees_of_freedom": fit.shape_freedom,
         "failed": list(tested.failed),

@@ -123,6 +123,25 @@ def test_only_what_has_changed_is_sent() -> None:
     assert instrument.commands()[0] == ":OUTP1 0"
 
 
+def test_the_range_is_found_for_a_pulse_and_then_held() -> None:
+    instrument = Instrument()
+    generator, _ = _opened(instrument)
+    # given a sine, for which the instrument finds ranges by itself
+    generator.prepare(Sine(1e6, 0.05), "immediate")
+    assert instrument.channels[0].autorange == "ON"
+    # when a pulse is prepared, the range is found for its amplitude and held
+    generator.prepare(PULSE, "generator")
+    assert instrument.channels[0].autorange == "OFF"
+    instrument.commands()
+    # when only its amplitude changes, the range is found once more
+    generator.prepare(replace(PULSE, volts=2 * PULSE.volts), "generator")
+    held = ":SOUR1:VOLT:RANG:AUTO"
+    assert instrument.commands() == [f"{held} ON", ":SOUR1:VOLT 0.4", f"{held} OFF"]
+    # and a sine has it on again
+    generator.prepare(Sine(1e6, 0.05), "immediate")
+    assert instrument.channels[0].autorange == "ON"
+
+
 def test_a_pulse_is_sent_once_and_only_its_trigger_changes_later() -> None:
     instrument = Instrument()
     generator, _ = _opened(instrument)

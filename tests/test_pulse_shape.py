@@ -278,8 +278,8 @@ def test_slopes_and_azimuths_of_several_scenes_are_one_plan() -> None:
     made, shots = measured(bench_of(), options)
     # then every combination is there once, in order, with shots of its own after the silent ones
     assert len(made.cases) == 12
-    assert made.cases[1].name == "night, slope 0, azimuth 0"
-    assert made.cases[11].name == "plane, slope 20, azimuth 45"
+    assert made.cases[1].name == "night slope 0 azimuth 0"
+    assert made.cases[11].name == "plane slope 20 azimuth 45"
     assert [shot.window.shot for shot in shots] == list(range(1 + 12 * 3))
     assert [case.members[0] for case in made.cases] == list(range(1, 37, 3))
     # and a slope makes the played echo longer and lower
@@ -468,7 +468,7 @@ def test_an_interrupted_campaign_goes_on_to_the_same_results(
     assert (whole / "figure-cases.png").is_file()
     # and its own checks stand beside those of the bench file
     limits = [check["limit"] for check in summary(whole)["checks"]]
-    assert limits == ["prediction"] * 8 + ["reduced_chi_square"] * 8
+    assert limits == ["tests_failed"] * 8 + ["reduced_chi_square"] * 8
     assert summary(whole)["verdict"] == "pass"
 
 
@@ -573,7 +573,7 @@ def test_a_difference_fails_the_command(tmp_path: Path, capsys: pytest.CaptureFi
     said = capsys.readouterr().out
     assert status == 1
     assert "night: differs" in said
-    assert "fail: prediction (night)" in said
+    assert "fail: tests_failed (night)" in said
 
 
 def test_a_wrong_list_of_angles_is_wrong_use(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,7 +1,8 @@
 """Keysight (formerly Agilent) 33500B and 33600A function generators; one dialect, limits by model.
 
-The first channel is used. Voltage autorange stays on, as ``*RST`` leaves it: its relays click only when a
-setting changes, which is before a window, and a fixed range would cost resolution at small amplitudes.
+The first channel is used. Voltage autorange is on for sines: its relays click only when a setting changes,
+which is before a window. For an arbitrary waveform it finds the range of the amplitude and is then off, so
+that the range is held, at full resolution, until the amplitude changes.
 """
 
 from __future__ import annotations

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from belahil.generators import ArbBlock, GeneratorModel, GeneratorSetting
 
 _INFINITE = 9.9e37  # SCPI-1999, volume 1, 7.2.1.4
+_RANGE = ":SOUR1:VOLT:RANG:AUTO"
+_SWITCHES = {"OFF": "0", "ON": "1"}
 _FILTERS = {"linear": "NORM", "hold": "STEP"}
 
 
@@ -100,6 +102,7 @@ def _sine_items(setting: GeneratorSetting, before: GeneratorSetting | None) -> l
     return [
         _item(":SOUR1:BURS:STAT", "0"),
         _item(":SOUR1:FUNC", "SIN"),
+        Item(f"{_RANGE} ON", f"{_RANGE}?", "1"),
         _item(":SOUR1:FREQ", setting.frequency_hz),
         *volts,
     ]
@@ -121,7 +124,13 @@ def _pulse_items(setting: GeneratorSetting, arb: ArbBlock) -> list[Item]:
         _item(":SOUR1:FUNC:ARB:SRAT", arb.sample_rate_hz),
         _item(":SOUR1:FUNC:ARB:FILT", _FILTERS[arb.interpolation]),
         _item(":SOUR1:VOLT:OFFS", setting.offset_v),
-        _item(":SOUR1:VOLT", setting.amplitude_vpp),
+        # The range for this amplitude, and then held: no relay moves while pulses of one amplitude follow.
+        Item(
+            f"{_RANGE} ON;:SOUR1:VOLT {float(setting.amplitude_vpp)!r};{_RANGE} OFF",
+            ":SOUR1:VOLT?",
+            setting.amplitude_vpp,
+        ),
+        Item("", f"{_RANGE}?", "0"),
         _item(":SOUR1:BURS:MODE", "TRIG"),
         _item(":SOUR1:BURS:NCYC", 1.0),
         # One connector is the trigger's input or its output.
@@ -149,9 +158,13 @@ def uploaded_block(arb: ArbBlock) -> bytes:
 
 
 def agrees(answer: str, expected: str | float | Shown) -> bool:
-    """Tell whether an answer is what it must be: a word in any quotes, or exactly the same number."""
+    """Tell whether an answer is what it must be: a word in any quotes, or exactly the same number.
+
+    A switch may be answered as a word.
+    """
     if isinstance(expected, str):
-        return answer.strip('"').upper() == expected
+        said = answer.strip('"').upper()
+        return _SWITCHES.get(said, said) == expected
     try:
         if isinstance(expected, Shown):
             shown = Decimal(answer)
