@@ -53,20 +53,56 @@ def filter_delay_curve(
     -----
     Widths behind the filter are spread evenly: each has the same weight.
     """
-    found = [detected(tuple(poles), zeros, sample_interval_s, _PULSE_S)]
-    narrowest_s = found[0][0]
-    if narrowest_s >= WIDEST_S:
-        raise RefusedInput(
-            f"behind this filter every pulse is {narrowest_s:.3g} s wide or wider: a curve has widths from "
-            f"{NARROWEST_S:.3g} to {WIDEST_S:.3g} s"
-        )
-    first_s = max(NARROWEST_S, narrowest_s)
-    for wanted_s in np.linspace(first_s, WIDEST_S, _WIDTHS)[1:]:
-        optical_s = math.sqrt(wanted_s**2 - narrowest_s**2)  # nearly: squares of widths add
-        found.append(detected(tuple(poles), zeros, sample_interval_s, optical_s))
+    every = tuple(poles)
+    optical_s = spread_widths_s(every, zeros, sample_interval_s, _PULSE_S, _WIDTHS)
+    found = [detected(every, zeros, sample_interval_s, one) for one in optical_s]
     widths_s, delays_s = np.transpose(found)
+    first_s = max(NARROWEST_S, float(widths_s.min()))
     inside = (widths_s >= first_s) & (widths_s <= WIDEST_S)
     return fit_delay_curve(widths_s[inside], delays_s[inside], degree, first_s)
+
+
+def spread_widths_s(
+    poles: tuple[complex, ...], zeros: int, sample_interval_s: float, shortest_s: float, count: int
+) -> tuple[float, ...]:
+    """Return widths of Gaussian pulses whose detected widths lie nearly evenly from 20 to 110 ns, s.
+
+    Parameters
+    ----------
+    poles, zeros, sample_interval_s
+        As in `filter_delay_curve`.
+    shortest_s : float
+        No pulse is shorter, s; where it is detected wider than 20 ns, that is the first width.
+    count : int
+        Of widths.
+
+    Raises
+    ------
+    RefusedInput
+        Behind this filter every pulse is wider than 110 ns.
+    """
+    least_s = _narrowest(poles, zeros, sample_interval_s, shortest_s)
+    if least_s >= WIDEST_S:
+        raise RefusedInput(
+            f"behind this filter every pulse is {least_s:.3g} s wide or wider: a curve has widths from "
+            f"{NARROWEST_S:.3g} to {WIDEST_S:.3g} s"
+        )
+    # Squares of widths add, nearly: what the filter adds is read off one pulse.
+    if least_s:
+        added_s2 = least_s**2 - shortest_s**2
+    else:
+        added_s2 = detected(poles, zeros, sample_interval_s, NARROWEST_S)[0] ** 2 - NARROWEST_S**2
+    wanted_s = np.linspace(max(NARROWEST_S, least_s), WIDEST_S, count)
+    widths_s = np.sqrt(np.maximum(wanted_s**2 - added_s2, shortest_s**2))
+    return tuple(float(one) for one in widths_s)
+
+
+def _narrowest(poles: tuple[complex, ...], zeros: int, sample_interval_s: float, shortest_s: float) -> float:
+    """Return the detected width of the shortest pulse, s; 0 where its samples do not tell one."""
+    try:
+        return detected(poles, zeros, sample_interval_s, shortest_s)[0]
+    except RefusedInput:
+        return 0.0
 
 
 def detected(

@@ -31,6 +31,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, xarray.Dataset]:
         ("characterize", SWEEP),
         ("noise", ["--codes", "4,5"]),
         ("digitizer", ["--codes", "4,5", "--records", "2"]),
+        ("arrival-time", ["--widths", "8", "--pulse-windows", "5", "--terrain", "fractal"]),
         ("rfm-parity", ["--shots", "20", "--samples", "2000", "--model-windows", "100"]),
     ):
         assert main([name, *words, "--bench", "simulated", "--out", str(folder / name), "--quiet"]) == 0
@@ -45,7 +46,7 @@ def told(heading: str) -> list[tuple[str, ...]]:
     return sorted((row[0].strip("`"), row[1].strip(), row[2].strip(), row[3]) for row in rows)
 
 
-@pytest.mark.parametrize("name", ["characterize", "noise", "digitizer", "rfm-parity"])
+@pytest.mark.parametrize("name", ["characterize", "noise", "digitizer", "arrival-time", "rfm-parity"])
 def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: str) -> None:
     written = sorted(
         (
@@ -60,6 +61,7 @@ def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: st
     listed = [*told("Of every shot"), *told(f"Of `belahil {name}`")]
     if name == "rfm-parity":
         listed += told("Of shots with candidates")
+    if name in ("arrival-time", "rfm-parity"):
         # the emulated generator has no pole
         listed += [row for row in told("Of shots with sampled pulses") if "pole" not in row[0]]
     assert sorted(listed) == written

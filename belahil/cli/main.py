@@ -23,6 +23,7 @@ COMMANDS = (
     "characterize",
     "noise",
     "digitizer",
+    "arrival-time",
     "energy-calibration",
     "rfm-parity",
     "pulse-shape",
