@@ -74,7 +74,9 @@ class PulseFit:
         ``ok``; ``saturated``: fitted to the samples that are not clipped; ``width_undetermined``: narrower
         than a sample or wider than the window, the centre holds and the width is the limit it met;
         ``not_converged``: the best so far. The others have no pulse: ``no_pulse`` (flat), ``inverted`` (the
-        largest excursion is negative), ``too_few_samples`` (fewer than 4 usable).
+        largest excursion is negative), ``too_few_samples`` (fewer than 4 that are finite). Neither has
+        ``saturated`` where clipping leaves none to tell: samples at both clip levels, so that nobody knows
+        which excursion is the larger, or fewer than 4 below them.
     pulse : GaussianPulse or None
         None where there is none.
     residual_rms_v : float
@@ -127,8 +129,10 @@ def gaussian_fit(volts: ArrayLike, sample_interval_s: float, clip_v: float = mat
     usable = finite & (np.abs(np.where(finite, samples, 0.0)) < clip_v)
     masked, clipped = int((~finite).sum()), int(finite.sum() - usable.sum())
     if usable.sum() < _FEWEST:
-        return PulseFit("too_few_samples", masked=masked, clipped=clipped)
-    absent = _without_pulse(samples[finite])
+        status: FitStatus = "saturated" if finite.sum() >= _FEWEST else "too_few_samples"
+        return PulseFit(status, masked=masked, clipped=clipped)
+    # Where a clipped sample would be is not known: all count as the clip level, of whichever sign.
+    absent = _without_pulse(np.clip(samples[finite], -clip_v, clip_v), clip_v)
     if absent:
         return PulseFit(absent, masked=masked, clipped=clipped)
     places = np.flatnonzero(usable).astype(np.float64)
@@ -136,7 +140,7 @@ def gaussian_fit(volts: ArrayLike, sample_interval_s: float, clip_v: float = mat
     status, centre, log_width = _climb(samples[usable], places, centre, log_width, samples.size)
     norm, product = (sums[0] for sums in moments(samples[usable], places, centre, math.exp(log_width)))
     if product <= 0:
-        return PulseFit("no_pulse", masked=masked, clipped=clipped)
+        return PulseFit("saturated" if clipped else "no_pulse", masked=masked, clipped=clipped)
     pulse = GaussianPulse(
         centre * sample_interval_s, math.exp(log_width) * sample_interval_s, float(product / norm)
     )
@@ -147,8 +151,10 @@ def gaussian_fit(volts: ArrayLike, sample_interval_s: float, clip_v: float = mat
     return PulseFit(status, pulse, rms_v, masked, clipped)
 
 
-def _without_pulse(finite: NDArray[np.float64]) -> FitStatus | None:
+def _without_pulse(finite: NDArray[np.float64], clip_v: float) -> FitStatus | None:
     high, low = float(finite.max()), float(finite.min())
+    if high >= clip_v and low <= -clip_v:
+        return "saturated"
     if high - low <= _FLAT * max(abs(high), abs(low)):
         return "no_pulse"
     return "inverted" if -low > high else None

@@ -90,6 +90,34 @@ def test_any_samples_give_a_typed_result(volts: list[float]) -> None:
         assert fit.status in ("no_pulse", "inverted")
 
 
+@given(
+    st.lists(st.floats(-1.5, 1.5), min_size=6, max_size=42),
+    st.integers(-2, 2),
+    st.sampled_from([1e-3, 0.9, 30.0]),
+)
+def test_a_window_at_both_ends_of_the_span_is_saturated(
+    shape: list[float], counts_apart: int, clip_v: float
+) -> None:
+    # Given a window that clips at both ends of a span whose ends need not be equally far from 0 V
+    lowest_v, highest_v = (
+        -clip_v * (1 + 1e-3 * max(counts_apart, 0)),
+        clip_v * (1 - 1e-3 * min(counts_apart, 0)),
+    )
+    volts = np.clip(clip_v * np.array([-2.0, *shape, 2.0]), lowest_v, highest_v)
+    fit = gaussian_fit(volts, INTERVAL_S, clip_v)
+    # Then nobody knows which excursion was the larger, and no pulse is made up
+    assert (fit.status, fit.pulse) == ("saturated", None)
+    assert fit.clipped == int((np.abs(volts) >= clip_v).sum())
+
+
+def test_a_window_of_clipped_samples_has_no_pulse_and_says_why() -> None:
+    assert gaussian_fit(np.full(42, 1.0), INTERVAL_S, 1.0).status == "saturated"
+    assert gaussian_fit([1.0] * 3 + [np.nan] * 39, INTERVAL_S, 1.0).status == "too_few_samples"
+    # Given a pulse that points downwards and clips there
+    downwards = np.maximum(-gaussian(np.arange(42.0), 20, 4, 3.0), -1.0)
+    assert gaussian_fit(downwards, INTERVAL_S, 1.0).status == "inverted"
+
+
 def test_the_white_bound_is_the_inverse_information_of_the_samples() -> None:
     # Given a pulse of 70 ns: sums over samples are integrals to exp(-2 pi^2 1.7^2), times a few hundred
     pulse = GaussianPulse(256.3e-9, 70e-9, 0.02)

@@ -248,6 +248,25 @@ def test_what_a_user_may_not_have_meant_is_told(
     assert words in html.unescape((tmp_path / "run" / "report.html").read_text(encoding="utf-8"))
 
 
+@pytest.mark.parametrize(
+    ("text", "seen"),
+    [
+        ("altitude_m = 1000.0\n", ["noise-free", "night", "day"]),
+        ("[noise]\ndark_rms_v = 3.0\n", ["night", "day"]),
+    ],
+)
+def test_a_window_beyond_both_ends_of_the_span_is_saturated(text: str, seen: list[str]) -> None:
+    # Given an echo of kilovolts, whose undershoot clips too, or noise beyond the span of 2 V
+    results = analyse(simulate(parse_scene(text), SimulateOptions(1e-2, 3))).results
+
+    # Then the cases are called what they are, and no number is told
+    rows = [case for case in results["cases"] if case["case"] in seen]
+    assert [(row["case"], row["status"], row["arrival_s"]) for row in rows] == [
+        (one, "saturated", None) for one in seen
+    ]
+    assert results["shots"]["fitted"] == 0
+
+
 @pytest.mark.parametrize("name", ["plane", "day", "fractal"])
 def test_of_a_scene_as_it_should_be_nothing_is_remarked(name: str) -> None:
     assert remarks(simulate(load_scene(name), SimulateOptions(1e-2, 2))) == []
