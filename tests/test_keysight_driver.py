@@ -137,7 +137,10 @@ def test_the_range_is_found_for_a_pulse_and_then_held() -> None:
     generator.prepare(replace(PULSE, volts=2 * PULSE.volts), "generator")
     held = ":SOUR1:VOLT:RANG:AUTO"
     assert instrument.commands() == [f"{held} ON", ":SOUR1:VOLT 0.4", f"{held} OFF"]
-    # and a sine has it on again
+    # and silence or a sine have it on again
+    generator.prepare(NoSignal(), "immediate")
+    assert instrument.channels[0].autorange == "ON"
+    generator.prepare(PULSE, "generator")
     generator.prepare(Sine(1e6, 0.05), "immediate")
     assert instrument.channels[0].autorange == "ON"
 

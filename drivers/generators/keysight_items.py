@@ -88,6 +88,8 @@ def channel_items(setting: GeneratorSetting, before: GeneratorSetting | None = N
             _item(":SOUR1:FUNC", "DC"),
             _item(":SOUR1:VOLT:OFFS", setting.offset_v),
         ]
+    if before is not None and before.function == "ARB" and setting.function != "ARB":
+        items.insert(0, Item(f"{_RANGE} ON", f"{_RANGE}?", "1"))
     output = _item(":OUTP1", "1" if setting.output else "0")
     return [*items, output] if setting.output else [output, *items]
 
@@ -102,7 +104,6 @@ def _sine_items(setting: GeneratorSetting, before: GeneratorSetting | None) -> l
     return [
         _item(":SOUR1:BURS:STAT", "0"),
         _item(":SOUR1:FUNC", "SIN"),
-        Item(f"{_RANGE} ON", f"{_RANGE}?", "1"),
         _item(":SOUR1:FREQ", setting.frequency_hz),
         *volts,
     ]
