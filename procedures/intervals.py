@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from belahil.errors import RefusedInput
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +145,14 @@ def difference(one: Interval, other: Interval) -> Interval:
         value - math.hypot(one.value - one.low, other.high - other.value),
         value + math.hypot(one.high - one.value, other.value - other.low),
     )
+
+
+def mean_of(ones: Sequence[Interval]) -> Interval:
+    """Return the interval of the mean of independent numbers, by the same rule as `difference`."""
+    value = sum(one.value for one in ones) / len(ones)
+    below = math.hypot(*(one.value - one.low for one in ones)) / len(ones)
+    above = math.hypot(*(one.high - one.value for one in ones)) / len(ones)
+    return Interval(value, value - below, value + above)
 
 
 def normal_factor(level: float) -> float:

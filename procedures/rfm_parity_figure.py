@@ -24,7 +24,8 @@ def parity_figure(found: Findings) -> Figure:
         "Pearson; middle: standard deviation of the time from marker to echo, with chi-square intervals; "
         "points as measured, bands and lines by the model, with what its parameters are uncertain by (all at "
         "95 %). Right: arrival as reported minus arrival as found again in the same samples, for every "
-        "candidate; crosses at the edge: candidates that only one side has; grey: what is tolerated."
+        "candidate; crosses: candidates that were not reported (lower edge), or were reported and not found "
+        "again (upper edge); grey: what is tolerated. Squares: comparisons that failed."
     )
     left, middle, right = figure.subplots(1, 3)
     groups = _by_width(found)
@@ -126,9 +127,5 @@ def _differences(axes: Axes, found: Findings) -> None:
         if count
     ]
     if lonely:
-        axes.plot(
-            *zip(*lonely, strict=True), "x", color=COLOURS[1], ms=4, label="missing (below), extra (above)"
-        )
-        axes.legend(fontsize=8, loc="upper right")
-    counted = f"{found.agreeing} of {len(rows)} windows agree"
-    axes.text(0.03, 0.93, counted, transform=axes.transAxes, fontsize=9)
+        axes.plot(*zip(*lonely, strict=True), "x", color=COLOURS[1], ms=4)
+    axes.set_title(f"{found.agreeing} of {len(rows)} windows agree", loc="right", fontsize=9)

@@ -9,7 +9,7 @@ import numpy as np
 from belahil.outcome import Outcome, Table
 from belahil.values import Estimate
 from belahil.verdict import Check
-from procedures.echo_agreement import FALSE_ALARMS, FEWEST_DETECTED, LEVEL
+from procedures.echo_agreement import COMPARISONS_TOGETHER, FALSE_ALARMS, FEWEST_DETECTED, LEVEL
 from procedures.intervals import Interval, normal_factor
 
 if TYPE_CHECKING:
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from procedures.echo_agreement import Comparison
+    from belahil.verdict import Decision
+    from procedures.echo_agreement import Comparison, EchoAgreement
     from procedures.rfm_parity_results import EchoRow, Findings
 
 QUANTITIES = (
@@ -36,6 +37,7 @@ def outcome(found: Findings) -> Outcome:
             "status": found.status,
             "parity": _parity(found),
             "echoes": [_echo(one) for one in found.echoes],
+            "together": _together(found),
         },
         tables=_tables(found),
         figures=_figures(found),
@@ -85,6 +87,13 @@ def _echo(row: EchoRow) -> dict[str, Any]:
     return told
 
 
+def _together(found: Findings) -> dict[str, Any]:
+    return {
+        key: _compared(getattr(found.together, name), unit)
+        for name, key, unit, _ in QUANTITIES[:COMPARISONS_TOGETHER]
+    }
+
+
 def _compared(one: Comparison | None, unit: str) -> dict[str, Any] | None:
     if one is None:
         return None
@@ -120,14 +129,21 @@ def _checks(found: Findings) -> Iterator[Check]:
                 # Of recorded windows nobody knows whether the marker was inside.
                 lost = row.status == "marker_lost" and bool(found.plan.echoes)
                 label = f"{name_of(row)}, {row.status}"
-                yield Check("detection_probability", label, 0.0, 1.0, None, "fail" if lost else "undecided")
+                decision: Decision = "fail" if lost else "undecided"
+                yield Check("detection_probability_difference", label, -1.0, 1.0, None, decision)
             continue
-        for name, key, unit, _ in QUANTITIES:
-            one: Comparison | None = getattr(row.agreement, name)
-            if one is not None:
-                limit = key if unit == "1" else f"{key}_{unit}"
-                value = estimate(one.measured, unit)
-                yield Check(limit, name_of(row), one.model.low, one.model.high, value, one.decision)
+        yield from _checked(row.agreement, name_of(row))
+    yield from _checked(found.together, "all echoes")
+
+
+def _checked(told: EchoAgreement, label: str) -> Iterator[Check]:
+    for name, key, unit, _ in QUANTITIES:
+        one: Comparison | None = getattr(told, name)
+        if one is not None:
+            limit, unit = ("arrival_spread_ratio", "1") if name == "spread" else (f"{key}_difference", unit)
+            low, high = (float(f"{end:.4g}") for end in (one.low, one.high))  # as a reader wants them
+            limit += "" if unit == "1" else f"_{unit}"
+            yield Check(limit, label, low, high, estimate(one.between, unit), one.decision)
 
 
 def name_of(row: EchoRow) -> str:
@@ -228,9 +244,11 @@ def _notes(found: Findings) -> list[str]:
         "Intervals of the detection probability are those of Clopper and Pearson, which cover at least as "
         "often as they say; those of the standard deviation are chi-square with the kurtosis of the model's "
         "arrivals. The model's intervals contain what its gain, noise and cut-off are uncertain by.",
-        "Intervals are at 95 %. A comparison fails where the interval of the difference leaves out that both "
-        "are the same, at a level at which a receiver that is as the model says fails any of them in at "
-        f"most {FALSE_ALARMS:.0%} of runs.",
+        "Intervals are at 95 %. A comparison is of measured minus model (for the spread, measured over "
+        "model); allowed is what chance and what the model is uncertain by make of no difference, at a level "
+        "at which a receiver that is as the model says fails any of them in at most "
+        f"{FALSE_ALARMS:.0%} of runs.",
+        "All echoes together are compared by their mean probability and their geometric mean spread.",
         f"Spread and mean of the arrival need {FEWEST_DETECTED} detected echoes.",
         "Not modelled: noise that is not stationary or not white before the filter, a receiver that is not "
         "linear, a trigger that jitters by more than a sample.",

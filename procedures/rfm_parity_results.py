@@ -13,7 +13,7 @@ from belahil.stimuli import SampledPulse
 from procedures.candidate_parity import Pair, ParityStatus, compare
 from procedures.clipping import with_clipping
 from procedures.detection_model import Prediction, Sightings, predict, signal_uncertainty, with_samples
-from procedures.echo_agreement import COMPARISONS, EchoAgreement, agreement
+from procedures.echo_agreement import EchoAgreement, agreements
 from procedures.echo_sighting import Expectation, Sighting, expectation, pulse_places, sighting
 from procedures.known_receiver import KnownReceiver, preset_receiver
 from sim.rfm import RangeFinder
@@ -128,6 +128,8 @@ class Findings:
         Out of `RunStatus`.
     windows : tuple of WindowRow
     echoes : tuple of EchoRow
+    together : EchoAgreement
+        Of all echoes whose status is ``ok``.
     """
 
     plan: ParityPlan
@@ -135,6 +137,7 @@ class Findings:
     status: RunStatus
     windows: tuple[WindowRow, ...]
     echoes: tuple[EchoRow, ...]
+    together: EchoAgreement
 
     @property
     def compared(self) -> tuple[WindowRow, ...]:
@@ -181,8 +184,8 @@ def found_in(plan: ParityPlan, shots: Iterable[Shot], config: BenchConfig) -> Fi
         rows.append(_row(window, finder, plan))
         if isinstance(shot.played, SampledPulse):
             _sight(groups, shot.played, window, receiver, finder, plan)
-    echoes = _echoes(plan, groups, receiver, finder, config)
-    return Findings(plan, receiver, _status(plan, rows), tuple(rows), echoes)
+    echoes, together = _echoes(plan, groups, receiver, finder, config)
+    return Findings(plan, receiver, _status(plan, rows), tuple(rows), echoes, together)
 
 
 def _status(plan: ParityPlan, rows: list[WindowRow]) -> RunStatus:
@@ -249,8 +252,8 @@ def _echoes(
     receiver: KnownReceiver,
     finder: RangeFinder,
     config: BenchConfig,
-) -> tuple[EchoRow, ...]:
-    """Compare each echo with the model."""
+) -> tuple[tuple[EchoRow, ...], EchoAgreement]:
+    """Compare each echo with the model, and all of them."""
     rows: list[EchoRow] = []
     for place, group in enumerate(groups.values()):
         planned = plan.echoes[place] if place < len(plan.echoes) else None
@@ -269,13 +272,15 @@ def _echoes(
         rows.append(
             replace(row, predicted=_predicted(group, place, plan, receiver, finder, config, row.status))
         )
-    comparisons = COMPARISONS * max(1, sum(one.status == "ok" for one in rows))
-    return tuple(
-        one
-        if one.predicted is None or one.measured is None
-        else replace(one, agreement=agreement(one.measured, one.predicted, comparisons))
-        for one in rows
-    )
+    pairs = {
+        place: (one.measured, one.predicted)
+        for place, one in enumerate(rows)
+        if one.measured is not None and one.predicted is not None
+    }
+    single, together = agreements(list(pairs.values()))
+    for place, told in zip(pairs, single, strict=True):
+        rows[place] = replace(rows[place], agreement=told)
+    return tuple(rows), together
 
 
 def _echo_status(group: _Group, measured: Sightings) -> EchoStatus:

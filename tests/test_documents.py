@@ -17,7 +17,8 @@ import pytest
 from belahil import config
 from belahil.cli.main import belahil as command_line
 from belahil.cli.main import main
-from procedures import characterize, noise
+from procedures import characterize, noise, rfm_parity
+from procedures.candidate_parity import Tolerances
 from sim.scene import parse_scene
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -72,7 +73,7 @@ def test_a_command_of_the_readme_is_understood(words: list[str]) -> None:
     assert parsed.args == []
 
 
-@pytest.mark.parametrize("name", ["characterize", "noise"])
+@pytest.mark.parametrize("name", ["characterize", "noise", "rfm-parity"])
 def test_the_options_of_the_architecture_are_those_of_the_command(name: str) -> None:
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `--")]
@@ -96,6 +97,17 @@ def test_the_help_tells_the_defaults(capsys: pytest.CaptureFixture[str]) -> None
     assert f"{characterize.FREQUENCY_COUNT} up to 38 MHz" in told("characterize")
     assert f"for each code; {characterize.DARK_WINDOWS} when left out" in told("characterize")
     assert f"for each code; {noise.DARK_WINDOWS} when left out" in told("noise")
+    widths = ",".join(f"{1e9 * width_s:g}" for width_s in rfm_parity.WIDTHS_S)
+    snrs = ",".join(f"{snr:g}" for snr in rfm_parity.SNRS)
+    for said in (
+        f"ns; {widths} when left out",
+        f"filter; {snrs} when left out",
+        f"Windows for each echo; {rfm_parity.SHOTS}.",
+        f"before each echo; {rfm_parity.MARKER_SNR:g}.",
+        f"Simulated windows for each echo; {rfm_parity.MODEL_WINDOWS}.",
+        f"equal candidates; {1e12 * Tolerances().arrival_s:g}.",
+    ):
+        assert said in told("rfm-parity")
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
