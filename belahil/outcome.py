@@ -50,6 +50,7 @@ STATUSES = (
     "mixed_gain_codes",
     "equal_windows",
     "pulse_below_noise",
+    "no_light",
 )
 """All words of a status column. The place of a word is its number in data files, so new ones go last."""
 

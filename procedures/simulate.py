@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from msgspec import structs
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from belahil.pulse_fit import PulseFit
+    from belahil.pulse_fit import FitStatus, GaussianPulse
     from belahil.values import Products
     from sim.scene import Scene
 
@@ -79,6 +79,22 @@ class SimulateOptions:
             raise RefusedInput(f"products {self.products!r}: allowed are {', '.join(PRODUCTS)}")
 
 
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """The Gaussian of an echo.
+
+    Parameters
+    ----------
+    status : str
+        That of a `belahil.pulse_fit.PulseFit`; ``no_light`` where no light comes back: nothing was fitted.
+    pulse : GaussianPulse or None
+        Arrival from the first sample; None where there is none.
+    """
+
+    status: FitStatus | Literal["no_light"]
+    pulse: GaussianPulse | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
     """The samples of one shot in one case of noise.
@@ -93,15 +109,15 @@ class Case:
         True times of the samples from the gate, s.
     volts : ndarray of float64, shape (n,)
         From the counts, at the converter, V.
-    fit : PulseFit
-        Its Gaussian; arrival from the first sample.
+    fit : Fitted
+        Its Gaussian.
     """
 
     name: str
     noise_rms_v: float
     times_s: NDArray[np.float64]
     volts: NDArray[np.float64]
-    fit: PulseFit
+    fit: Fitted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,9 +171,14 @@ class Simulation:
         return tuple(replace(one, window=finder.report(one.window, self.products)) for one in self.shots)
 
     @cached_property
+    def dark(self) -> bool:
+        """Whether no light comes back from the mean shot."""
+        return self.chain.echo().status != "ok"
+
+    @cached_property
     def cases(self) -> tuple[Case, ...]:
         """One shot in the three cases, with equal draws of what they share."""
-        return tuple(_case(name, _chain_of(name, self.chain)) for name in CASES)
+        return tuple(_case(name, _chain_of(name, self.chain), self.dark) for name in CASES)
 
     @cached_property
     def times_s(self) -> NDArray[np.float64]:
@@ -201,8 +222,10 @@ class Simulation:
         return Ground(x_m, y_m, heights, (centre_m[0], centre_m[1]), (2 * major_m, 2 * minor_m), turned)
 
     @cached_property
-    def fits(self) -> tuple[PulseFit, ...]:
+    def fits(self) -> tuple[Fitted, ...]:
         """A Gaussian in the correlation window of every shot."""
+        if self.dark:
+            return (_NO_LIGHT,) * len(self.shots)
         request = self.chain.correlation_window()
         first = self.chain.receiver.edges(request)
         return tuple(
@@ -213,7 +236,8 @@ class Simulation:
     def detected(self) -> int:
         """How many shots have a candidate where the echo is."""
         chain = self.chain
-        there = _fit(chain, chain.samples().volts).pulse
+        # As they are before the converter, whose span they may exceed.
+        there = None if self.dark else _fit(chain, chain.samples().volts, math.inf).pulse
         if there is None:
             return 0
         true_s = chain.correlation_window().delay_s + there.arrival_s
@@ -274,14 +298,19 @@ def _chain_of(case: str, chain: Chain) -> Chain:
     return Chain(changed, chain.accuracy, chain.surface)
 
 
-def _case(name: str, chain: Chain) -> Case:
+def _case(name: str, chain: Chain, dark: bool) -> Case:
     request = chain.correlation_window(SHOWN_SHOT)
     volts = chain.window(SHOWN_SHOT, request).volts
     interval_s = chain.receiver.grid.interval_s
     times_s = chain.first_sample_s(SHOWN_SHOT, request) + interval_s * np.arange(float(volts.size))
-    return Case(name, chain.noise_rms_v, times_s, volts, _fit(chain, volts))
+    return Case(name, chain.noise_rms_v, times_s, volts, _NO_LIGHT if dark else _fit(chain, volts))
 
 
-def _fit(chain: Chain, volts: NDArray[np.float64]) -> PulseFit:
-    clip_v = (chain.receiver.quantizer.full_scale_v / 2) - chain.receiver.quantizer.volts_per_count
-    return gaussian_fit(volts, chain.receiver.spec.sample_interval_s, clip_v)
+_NO_LIGHT = Fitted("no_light", None)
+
+
+def _fit(chain: Chain, volts: NDArray[np.float64], clip_v: float | None = None) -> Fitted:
+    if clip_v is None:
+        clip_v = (chain.receiver.quantizer.full_scale_v / 2) - chain.receiver.quantizer.volts_per_count
+    found = gaussian_fit(volts, chain.receiver.spec.sample_interval_s, clip_v)
+    return Fitted(found.status, found.pulse)

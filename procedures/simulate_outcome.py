@@ -12,8 +12,7 @@ from belahil.outcome import Outcome, Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from belahil.pulse_fit import PulseFit
-    from procedures.simulate import Simulation
+    from procedures.simulate import Fitted, Simulation
 
 _BESIDE = 0.01
 """Of the beam, beyond what the plan cuts off its edge at any sensible tolerance."""
@@ -41,10 +40,10 @@ def remarks(simulation: Simulation) -> list[str]:
     """Say what a user may not have meant: darkness, a beam beside the terrain, clipped samples."""
     chain, shots = simulation.chain, simulation.shots
     said = []
-    if chain.echo().status != "ok":
+    if simulation.dark:
         said.append(f"no light comes back: {chain.echo().status}")
     beside = 1 - chain.lit().delays.lit
-    if chain.echo().status == "ok" and beside > _BESIDE:
+    if not simulation.dark and beside > _BESIDE:
         said.append(f"{100 * beside:.2g} % of the beam meets no known ground; its light is lost")
     clipped = sum(shot.window.saturated > 0 for shot in shots)
     if clipped:
@@ -61,7 +60,7 @@ def _results(simulation: Simulation) -> dict[str, Any]:
     chain, curves = simulation.chain, simulation.curves
     light = chain.echo()
     return {
-        "status": "ok" if light.status == "ok" else "no_light",
+        "status": "no_light" if simulation.dark else "ok",
         "tolerance": chain.accuracy.tolerance,
         "predicted_error": chain.plan.predicted_error,
         "terrain_posts_error": chain.posts_error,
@@ -85,7 +84,7 @@ def _results(simulation: Simulation) -> dict[str, Any]:
     }
 
 
-def _of_fit(fit: PulseFit, first_s: float) -> dict[str, Any]:
+def _of_fit(fit: Fitted, first_s: float) -> dict[str, Any]:
     pulse = fit.pulse
     return {
         "arrival_s": None if pulse is None else float(first_s) + pulse.arrival_s,

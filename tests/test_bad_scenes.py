@@ -212,7 +212,7 @@ def test_a_scene_without_light_is_a_result_that_says_so(name: str) -> None:
     results = strictly(text)["results"]
     assert results["status"] == "no_light"
     assert results["echo"]["photons"] == 0
-    assert results["cases"][0]["status"] == "no_pulse"
+    assert {case["status"] for case in results["cases"]} == {"no_light"}
     assert results["cases"][0]["arrival_s"] is None
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
+from belahil.outcome import STATUSES
 from belahil.report import remake
 from procedures.simulate import SimulateOptions, simulate
 from procedures.simulate_outcome import analyse, remarks
@@ -129,16 +130,49 @@ def test_the_summary_is_printed_as_json(tmp_path: Path, capsys: pytest.CaptureFi
     assert summary["results"]["shots"]["arrival_spread"] is None
 
 
-def test_black_ground_gives_a_status_and_no_number(tmp_path: Path) -> None:
-    (tmp_path / "black.toml").write_text("[surface]\nreflectance = 0.0\n")
-
-    assert main(["simulate", str(tmp_path / "black.toml"), "--quiet", "--out", str(tmp_path / "run")]) == 0
-
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[surface]\nreflectance = 0.0\n",
+        "[detector]\nboresight_rad = [0.01, 0.0]\n[sun]\nincidence_deg = 20.0\n",
+    ],
+)
+def test_without_light_nothing_is_fitted_to_noise(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Given scenes from which no light of the laser comes back, with noise in which a Gaussian could be found
+    (tmp_path / "black.toml").write_text(text + "[noise]\ndark_rms_v = 0.83e-3\nshot = true\n")
+    # When they are simulated
+    arguments = ["simulate", str(tmp_path / "black.toml"), "--shots", "5", "--out", str(tmp_path / "run")]
+    assert main(arguments) == 0
+    # Then every fit says that there was no light, and none has a number
     results = json.loads((tmp_path / "run" / "summary.json").read_text())["results"]
     assert results["status"] == "no_light"
-    assert results["cases"][0]["status"] == "no_pulse"
-    assert results["cases"][0]["arrival_s"] is None
-    assert results["shots"]["detected"] == 0
+    numbers = ("arrival_s", "fwhm_s", "amplitude_v")
+    for case in results["cases"]:
+        assert [case["status"], *(case[key] for key in numbers)] == ["no_light", None, None, None]
+    shots = results["shots"]
+    assert (shots["detected"], shots["fitted"], shots["arrival"], shots["arrival_spread"]) == (
+        0,
+        0,
+        None,
+        None,
+    )
+    with h5py.File(tmp_path / "run" / "data.nc") as file:
+        assert (file["fit_status"][()] == STATUSES.index("no_light")).all()
+        assert (file["fit_arrival_s"][()] == file["fit_arrival_s"].attrs["_FillValue"]).all()
+    said = capsys.readouterr().out
+    assert said.count("no light, no Gaussian") == 3
+    assert "Gaussian ok" not in said
+    assert "no echo to find in 5 shots" in said
+
+
+def test_an_echo_beyond_the_span_is_still_looked_for() -> None:
+    # Given an echo of 9 kV at a converter of 2 V, which clips at both ends, and of 3 V
+    for text, tops in (("altitude_m = 1000.0\n", 1e3), ("altitude_m = 55e3\n", 2.0)):
+        results = analyse(simulate(parse_scene(text), SimulateOptions(1e-2, 3))).results
+        assert results["echo"]["peak_at_converter_v"] > tops
+        assert results["shots"]["detected"] == 3
 
 
 @pytest.mark.parametrize(

@@ -94,16 +94,14 @@ def _lines(chain: Chain, results: dict[str, Any]) -> list[str]:
         f"{1e3 * echo['peak_at_converter_v']:.3g} mV at the converter",
         "one shot, compared without noise, by night and by day:",
     ]
-    for row in results["cases"]:
-        fitted = row["status"]
-        if row["arrival_s"] is not None:
-            fitted += (
-                f", arrival {1e9 * row['arrival_s']:.2f} ns, fwhm {1e9 * row['fwhm_s']:.2f} ns, "
-                f"amplitude {1e3 * row['amplitude_v']:.2f} mV"
-            )
-        lines.append(f"  {row['case']}: noise {1e3 * row['noise_rms_v']:.3g} mV rms; Gaussian {fitted}")
-    shots = results["shots"]
+    lines += [
+        f"  {row['case']}: noise {1e3 * row['noise_rms_v']:.3g} mV rms; {_fitted(row)}"
+        for row in results["cases"]
+    ]
     lines.append("every shot, with the noise of the scene:")
+    shots = results["shots"]
+    if results["status"] == "no_light":
+        return [*lines, f"  no light comes back, so that there is no echo to find in {shots['count']} shots"]
     lines.append(
         f"  range finder: echo among its candidates in {shots['detected']} of {shots['count']} shots"
     )
@@ -113,3 +111,14 @@ def _lines(chain: Chain, results: dict[str, Any]) -> list[str]:
             f"  Gaussian: fits {shots['fitted']} of {shots['count']} shots, arrival varies by {spread}"
         )
     return lines
+
+
+def _fitted(row: dict[str, Any]) -> str:
+    if row["status"] == "no_light":
+        return "no light, no Gaussian"
+    if row["arrival_s"] is None:
+        return f"Gaussian {row['status']}"
+    return (
+        f"Gaussian {row['status']}, arrival {1e9 * row['arrival_s']:.2f} ns, "
+        f"fwhm {1e9 * row['fwhm_s']:.2f} ns, amplitude {1e3 * row['amplitude_v']:.2f} mV"
+    )
