@@ -315,12 +315,3 @@ def relative_to_model(points: tuple[WidthPoint, ...]) -> tuple[float, int]:
     scale = float(spread.max())
     solved = np.linalg.solve(covariance / scale**2, differences / scale)
     return float(differences @ solved / scale), differences.size
-
-
-def shifted(points: BenchPoints, constant_s: float) -> tuple[tuple[float, float], ...]:
-    """Return detected width and delay, s, with a constant added to the delay after the references."""
-    return tuple(
-        (one.width.value, one.delay.value + constant_s)
-        for one in points.usable
-        if one.width is not None and one.delay is not None
-    )

@@ -87,6 +87,7 @@ def test_bench_and_model_agree_and_both_agree_with_the_published_shape(plain: Me
         constant = row["constant"]
         assert abs(constant["value"] - 11.84 * NS) < 3 * constant["standard_uncertainty"] + 0.02 * NS
     assert found["published"][1]["rms_s"] > 20 * NS
+    assert any("misprint" in note for note in plain.outcome.notes)
 
 
 def hidden(number: int) -> tuple[BenchConfig, KnownReceiver]:
@@ -321,6 +322,8 @@ def test_a_filter_that_is_too_slow_is_refused() -> None:
 def test_a_faster_receiver_has_its_own_curve() -> None:
     found = measured(bench(digitizer={"receiver": "gala-like"}))
 
+    # another filter says nothing of the published one
+    assert not any("misprint" in note for note in found.outcome.notes)
     assert found.bench["agreement"]["status"] == "agree"
     widths_s = [row["fwhm"]["value"] for row in found.bench["points"]]
     assert min(widths_s) == pytest.approx(20 * NS, abs=0.5 * NS)
