@@ -25,7 +25,7 @@ from belahil.errors import (
     StaleData,
 )
 from belahil.generators import SOURCE_OHM, behind_output, open_circuit
-from belahil.stimuli import SampledPulse, Stimulus, TransmittedPulse, largest_volts, scaled
+from belahil.stimuli import NoSignal, SampledPulse, Stimulus, TransmittedPulse, largest_volts, scaled
 from belahil.values import Shot, Trigger, WindowRequest
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ class Bench:
             raise LimitExceeded(
                 f"a window of {request.sample_count} samples: the receiver takes 1 to {spec.max_sample_count}"
             )
-        trigger = self._trigger_for(stimulus)
+        trigger = self._trigger_for(stimulus, request)
         if trigger not in spec.triggers:
             raise LimitExceeded(
                 f"a window of {type(stimulus).__name__} is started by trigger = {trigger}: "
@@ -192,7 +192,7 @@ class Bench:
         stimulus : Stimulus
             In volts at the cut.
         request : WindowRequest
-            Its `trigger` is filled in here.
+            Its `trigger` is filled in here; only silence may ask for "digitizer", to see the laser fire.
 
         Raises
         ------
@@ -202,7 +202,7 @@ class Bench:
             The instruments failed three times, or one refused or is gone.
         """
         self.check(stimulus, request)
-        trigger = self._trigger_for(stimulus)
+        trigger = self._trigger_for(stimulus, request)
         request = replace(request, trigger=trigger)
         attempt = 1
         while True:
@@ -217,8 +217,10 @@ class Bench:
                     raise
                 attempt += 1
 
-    def _trigger_for(self, stimulus: Stimulus) -> Trigger:
+    def _trigger_for(self, stimulus: Stimulus, request: WindowRequest) -> Trigger:
         if isinstance(stimulus, TransmittedPulse):
+            return "digitizer"
+        if isinstance(stimulus, NoSignal) and request.trigger == "digitizer":
             return "digitizer"
         return self.config.bench.trigger if isinstance(stimulus, SampledPulse) else "immediate"
 

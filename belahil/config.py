@@ -93,6 +93,18 @@ class Interleave(Strict, frozen=True):
     skew_s: float = 0.0
 
 
+class EmcBurst(Strict, frozen=True):
+    """``emc_burst``: a damped sine at the cut with each shot pulse of the receiver (all but 0 V assumed).
+
+    `delay_s` is from the shot pulse to its beginning.
+    """
+
+    amplitude_v: float = 0.0
+    frequency_hz: Annotated[float, Meta(ge=1e3, le=1e9)] = 8e6
+    decay_s: Annotated[float, Meta(ge=1e-9, le=1e-3)] = 0.5e-6
+    delay_s: NotNegative = 2e-6
+
+
 class EmulatedReceiver(Strict, frozen=True):
     """``[emulation.receiver]``: the receiver to be found; None means the preset's value."""
 
@@ -106,6 +118,7 @@ class EmulatedReceiver(Strict, frozen=True):
     adc_bits: Annotated[int, Meta(ge=2, le=16)] | None = None
     clock_ppm: Annotated[float, Meta(ge=-250, le=250)] = 0.0
     interleave: Interleave = Interleave()
+    emc_burst: EmcBurst = EmcBurst()
     input_ohm: Positive = 50.0
 
 
@@ -317,6 +330,7 @@ class ReceiverTruth(Strict, frozen=True):
     clock_ppm: float
     interleave: Interleave
     input_ohm: float
+    emc_burst: EmcBurst = EmcBurst()
 
 
 def receiver_truth(config: BenchConfig) -> ReceiverTruth:
@@ -337,6 +351,7 @@ def without_gaps(given: EmulatedReceiver, spec: ReceiverSpec) -> ReceiverTruth:
         adc_bits=given.adc_bits or spec.digitizer.bits,
         clock_ppm=given.clock_ppm,
         interleave=given.interleave,
+        emc_burst=given.emc_burst,
         input_ohm=given.input_ohm,
     )
 

@@ -36,6 +36,7 @@ _DEFAULTS = {
     "stimulus": 0,
     "date": 0,
     "attempt": 1,
+    "laser_firing": 0,
 }
 """What stands for a variable that a file does not have; `stimulus` 0 is no signal."""
 
@@ -95,7 +96,7 @@ class RecordedWindows:
             gain_code=self._code(place),
             sample_count=int(column["sample_count"][place]) or self.spec.max_sample_count,
             delay_s=float(column["start_s"][place]),
-            trigger="immediate" if silent else "generator",
+            trigger="digitizer" if column["laser_firing"][place] else "immediate" if silent else "generator",
             source="transmit" if isinstance(played, TransmittedPulse) else "return",
             products=self._products(place),
         )

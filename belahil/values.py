@@ -63,7 +63,8 @@ class WindowRequest:
     delay_s : float
         From the trigger to the first sample, s; the receiver rounds it to its own grid.
     trigger : {"immediate", "generator", "digitizer"}
-        Who starts the window. The bench fills this in from the stimulus.
+        Who starts the window. The bench fills this in from the stimulus; only with `NoSignal` is
+        "digitizer" kept: the receiver's shot pulse, which fires the laser, starts a window of silence.
     source : {"return", "transmit"}
         The return channel, or the laser's own pulse.
     products : {"window", "candidates", "correlation_windows", "window_and_candidates"}

@@ -53,6 +53,10 @@ class DarkNoise:
         One-sided spectrum with the converters' means removed (Welch 1967).
     window_count : int
         Windows used.
+    effective : float
+        Samples of white noise that would tell as much of a variance as these.
+    fit : RoundedGaussian or None
+        The histogram with what was fitted to it, where the status is "ok".
     """
 
     status: Status
@@ -62,6 +66,8 @@ class DarkNoise:
     frequency_hz: NDArray[np.float64]
     density_v2_per_hz: NDArray[np.float64]
     window_count: int
+    effective: float
+    fit: RoundedGaussian | None
 
 
 def dark_noise(windows: Sequence[RangeWindow], converters: int = 2) -> DarkNoise:
@@ -82,31 +88,34 @@ def dark_noise(windows: Sequence[RangeWindow], converters: int = 2) -> DarkNoise
     _check(windows)
     scale = windows[0].volts_per_count
     used = [one for one in windows if not one.saturated] or list(windows)
-    centred = [_centred(one.counts, converters) for one in used]
-    frequency, density, effective = _spectrum(centred, windows[0].sample_interval_s, converters)
+    zeroed = [centred(one.counts, converters) for one in used]
+    frequency, density, effective = _spectrum(zeroed, windows[0].sample_interval_s, converters)
     total = math.sqrt(float(np.mean([np.var(one.counts) for one in used])))
     count = sum(one.counts.size for one in used)
     rms_total = Estimate(scale * total, scale * total / math.sqrt(2 * effective), "V")
 
-    def answer(status: Status, rms: Estimate | None, offset: Estimate | None) -> DarkNoise:
-        return DarkNoise(status, rms, rms_total, offset, frequency, density * scale**2, len(used))
+    def answer(
+        status: Status, rms: Estimate | None, offset: Estimate | None, fit: RoundedGaussian | None = None
+    ) -> DarkNoise:
+        return DarkNoise(
+            status, rms, rms_total, offset, frequency, density * scale**2, len(used), effective, fit
+        )
 
     if any(one.saturated for one in windows):
         return answer("clipped", None, None)
-    fit = _grouped_fit([one.counts for one in used], converters)
+    fit = rounded_gaussian([one.counts for one in used], converters)
     if fit is None:
         return answer("no_signal" if total == 0 else "below_dither", None, None)
-    sigma, means, information = fit
-    if sigma < LEAST_SIGMA_COUNTS:
+    if fit.sigma < LEAST_SIGMA_COUNTS:
         # Nor does it tell the means: a mean between two codes is known only by the noise that reaches both.
         return answer("below_dither", None, None)
     # The likelihood counts every sample as independent; coloured noise has `effective` of them.
-    sigma_u = math.sqrt(count / effective / information)
+    sigma_u = math.sqrt(count / effective / fit.information)
     offset = None
     if converters == 2:
         offset_u = math.sqrt(_line_density(density) / windows[0].sample_interval_s / 2 / count) * 2
-        offset = Estimate(scale * float(means[0] - means[1]), scale * offset_u, "V")
-    return answer("ok", Estimate(scale * sigma, scale * sigma_u, "V"), offset)
+        offset = Estimate(scale * float(fit.means[0] - fit.means[1]), scale * offset_u, "V")
+    return answer("ok", Estimate(scale * fit.sigma, scale * sigma_u, "V"), offset, fit)
 
 
 def _check(windows: Sequence[RangeWindow]) -> None:
@@ -121,20 +130,29 @@ def _check(windows: Sequence[RangeWindow]) -> None:
         )
 
 
-def _centred(counts: NDArray[np.int16], converters: int) -> NDArray[np.float64]:
-    centred = counts.astype(np.float64)
+def centred(counts: NDArray[np.int16], converters: int) -> NDArray[np.float64]:
+    """Return counts less the mean of each converter, shape (n,).
+
+    Parameters
+    ----------
+    counts : ndarray of int16, shape (n,)
+        Of a window.
+    converters : int
+        Interleaved converters.
+    """
+    found = counts.astype(np.float64)
     for converter in range(converters):
-        centred[converter::converters] -= centred[converter::converters].mean()
-    return centred
+        found[converter::converters] -= found[converter::converters].mean()
+    return found
 
 
 def _spectrum(
-    centred: Sequence[NDArray[np.float64]], interval_s: float, converters: int
+    zeroed: Sequence[NDArray[np.float64]], interval_s: float, converters: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Return frequencies, one-sided density in counts**2/Hz, and the effective number of samples."""
     taper = np.hanning(SEGMENT + 1)[:-1]
     blocks = np.concatenate(
-        [np.lib.stride_tricks.sliding_window_view(one, SEGMENT)[:: SEGMENT // 2] for one in centred]
+        [np.lib.stride_tricks.sliding_window_view(one, SEGMENT)[:: SEGMENT // 2] for one in zeroed]
     )
     power = np.mean(np.abs(np.fft.rfft(blocks * taper)) ** 2, axis=0) / np.sum(taper**2)
     frequency = np.asarray(np.fft.rfftfreq(SEGMENT, interval_s), dtype=np.float64)
@@ -146,7 +164,7 @@ def _spectrum(
     blocks_free = max(1.0, blocks.shape[0] * 9 / 11)
     mean = np.average(power, weights=weight)
     spread = np.average(power**2, weights=weight) / (1 + 1 / blocks_free)
-    count = sum(one.size for one in centred)
+    count = sum(one.size for one in zeroed)
     effective = count if mean == 0 else count * min(1.0, mean**2 / spread)
     return frequency, np.asarray(2 * power * interval_s), float(effective)
 
@@ -156,10 +174,41 @@ def _line_density(density: NDArray[np.float64]) -> float:
     return float(np.mean(density[-6:-2]))
 
 
-def _grouped_fit(
-    counts: Sequence[NDArray[np.int16]], converters: int
-) -> tuple[float, NDArray[np.float64], float] | None:
-    """Return (sigma, means, information on sigma for independent samples) in codes, or None."""
+@dataclass(frozen=True, slots=True, eq=False)
+class RoundedGaussian:
+    """A Gaussian that was rounded to codes, one mean for each converter, fitted to a histogram.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation, codes.
+    means : ndarray of float64, shape (converters,)
+        Codes.
+    information : float
+        Fisher's, on `sigma` for independent samples.
+    lowest : int
+        Code of the first column of `histogram`.
+    histogram : ndarray of float64, shape (converters, codes)
+        Samples at each code.
+    """
+
+    sigma: float
+    means: NDArray[np.float64]
+    information: float
+    lowest: int
+    histogram: NDArray[np.float64]
+
+
+def rounded_gaussian(counts: Sequence[NDArray[np.int16]], converters: int) -> RoundedGaussian | None:
+    """Fit a rounded Gaussian by maximum likelihood; None where a histogram has fewer than two codes.
+
+    Parameters
+    ----------
+    counts : sequence of ndarray of int16
+        At least one window.
+    converters : int
+        Interleaved converters.
+    """
     from scipy.optimize import minimize
 
     lowest = min(int(one.min()) for one in counts)
@@ -179,8 +228,8 @@ def _grouped_fit(
     start = np.append(means, 0.5 * math.log(max(variance - 1 / 12, 0.04)))
     solved = minimize(_misfit, start, args=(histogram, codes), jac=True, method="BFGS")
     sigma = math.exp(solved.x[-1])
-    curvature = _information(solved.x, histogram, codes)
-    return sigma, solved.x[:-1] + lowest, curvature / sigma**2
+    information = _information(solved.x, histogram, codes) / sigma**2
+    return RoundedGaussian(sigma, solved.x[:-1] + lowest, information, lowest, histogram)
 
 
 def _misfit(

@@ -8,7 +8,7 @@ import numpy as np
 
 from belahil.outcome import Table
 from belahil.stimuli import Sine
-from procedures.noise import spectrum_tables
+from procedures.noise_outcome import spectrum_tables
 
 if TYPE_CHECKING:
     from belahil.outcome import Number

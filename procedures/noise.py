@@ -1,33 +1,31 @@
-"""Measure the noise of a silent receiver at each gain code.
+"""Measure the noise of a silent receiver at each gain code, with the laser off and with it firing.
 
-The generator plays 0 V with its output on, so the receiver sees its source resistance. Without gains, which
-`procedures.characterize` measures, there is no best code here.
+The generator plays 0 V with its output on, so the receiver sees its source resistance. Half of the windows
+start at once; the others with the receiver's shot pulse, which fires the laser, so that its interference is
+in them. Divided by the gains of a known receiver the noise tells the best code.
 
-Not modelled: noise that is not stationary, and lines other than the interleave line; the spectrum shows them.
+Not modelled: noise that drifts during the measurement, bursts whose size or time changes from shot to shot,
+and lines whose frequency moves.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal
 
 from belahil.errors import LimitExceeded, RefusedInput
-from belahil.outcome import Outcome, Table
 from belahil.stimuli import NoSignal
-from belahil.values import Estimate, RangeWindow, Shot, WindowRequest
-from procedures.clipping import with_clipping
-from procedures.dark_noise import LEAST_SAMPLES, DarkNoise, dark_noise
+from belahil.values import Shot, WindowRequest
+from procedures.dark_noise import LEAST_SAMPLES
+from procedures.known_receiver import KnownReceiver
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from matplotlib.figure import Figure
-
     from belahil.bench import Bench
     from belahil.config import BenchConfig
+    from belahil.outcome import Outcome
     from belahil.receiver import DigitizerSpec
     from belahil.recorded import RecordedWindows
 
@@ -43,11 +41,18 @@ class NoiseOptions:
     codes : tuple of int or None
         Gain codes; None takes all that the receiver reports.
     dark_windows : int
-        Silent windows for each gain code, at least one.
+        Silent windows for each gain code and condition, at least one.
+    laser : {"off", "both"} or None
+        "both": as many windows again that start with the receiver's shot pulse, which fires the laser. None:
+        both where the receiver has such a trigger.
+    receiver : KnownReceiver or None
+        Whose gains refer the noise to the input; None: the preset.
     """
 
     codes: tuple[int, ...] | None = None
     dark_windows: int = DARK_WINDOWS
+    laser: Literal["off", "both"] | None = None
+    receiver: KnownReceiver | None = None
 
     def __post_init__(self) -> None:
         if self.codes == ():
@@ -64,23 +69,30 @@ class NoisePlan:
     ----------
     codes : tuple of (int or None)
         Gain codes; a single None for a receiver without them.
-    dark_windows, sample_count, converters, bits : int
-        Windows a code, samples a window, interleaved converters and their resolution.
+    windows : tuple of (shot, code, firing)
+        Index, gain code, and whether the receiver's shot pulse starts the window and fires the laser.
+    sample_count, converters, bits : int
+        Samples a window, interleaved converters and their resolution.
+    receiver : KnownReceiver or None
+        As in the options.
     """
 
     codes: tuple[int | None, ...]
-    dark_windows: int
+    windows: tuple[tuple[int, int | None, bool], ...]
     sample_count: int
     converters: int
     bits: int
+    receiver: KnownReceiver | None = None
 
     @property
     def shots(self) -> tuple[PlannedShot, ...]:
-        """All windows of a code, then those of the next."""
-        codes = [code for code in self.codes for _ in range(self.dark_windows)]
+        """All windows of a code, first those with the laser off, then those of the next."""
         return tuple(
-            PlannedShot(WindowRequest(shot, code, self.sample_count), NoSignal())
-            for shot, code in enumerate(codes)
+            PlannedShot(
+                WindowRequest(shot, code, self.sample_count, trigger="digitizer" if firing else "immediate"),
+                NoSignal(),
+            )
+            for shot, code, firing in self.windows
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -94,15 +106,20 @@ def plan(bench: Bench, options: NoiseOptions) -> NoisePlan:
     Raises
     ------
     LimitExceeded
-        A gain code that the receiver does not have, or a receiver whose windows are too short.
+        A gain code or a trigger that the receiver does not have, or a receiver whose windows are too short.
     """
     spec = bench.spec
+    codes = gain_codes(spec.gain_codes, options.codes)
+    fires = options.laser == "both" or (options.laser is None and "digitizer" in spec.triggers)
+    conditions = [False] * options.dark_windows + [True] * (options.dark_windows if fires else 0)
+    wanted = [(code, firing) for code in codes for firing in conditions]
     made = NoisePlan(
-        codes=gain_codes(spec.gain_codes, options.codes),
-        dark_windows=options.dark_windows,
+        codes=codes,
+        windows=tuple((shot, code, firing) for shot, (code, firing) in enumerate(wanted)),
         sample_count=window_length(spec),
         converters=spec.converters,
         bits=spec.bits,
+        receiver=options.receiver,
     )
     check_all(bench, made.shots)
     return made
@@ -114,24 +131,40 @@ def recorded_plan(recorded: RecordedWindows, options: NoiseOptions) -> NoisePlan
     Raises
     ------
     RefusedInput
-        It has none at a code that is wanted.
+        It has none at a code that is wanted, none with the laser off, windows of several lengths, or windows
+        of a receiver that is not the known one.
     LimitExceeded
         They are too short.
     """
     silent = [row for row in range(len(recorded)) if isinstance(recorded.played(row), NoSignal)]
-    there = [recorded.request(row) for row in silent]
-    codes = tuple(dict.fromkeys(one.gain_code for one in there))
-    wanted = codes if options.codes is None else options.codes
-    missing = [code for code in wanted if code not in codes]
+    there = {row: recorded.request(row) for row in silent}
+    codes = tuple(dict.fromkeys(one.gain_code for one in there.values()))
+    wanted = codes if options.codes is None else tuple(dict.fromkeys(options.codes))
+    windows = tuple(
+        (row, one.gain_code, one.trigger == "digitizer")
+        for row, one in there.items()
+        if one.gain_code in wanted and not (options.laser == "off" and one.trigger == "digitizer")
+    )
+    missing = [code for code in wanted if (code, False) not in {one[1:] for one in windows}]
     if missing or not codes:
-        raise RefusedInput(f"{recorded.path}: no window without a signal at gain code {missing or 'any'}")
-    spec = recorded.spec
-    least = min(one.sample_count for one in there)
-    if least < LEAST_SAMPLES:
+        told = ", ".join(map(str, missing)) or "any"
+        raise RefusedInput(f"{recorded.path}: no window without a signal at gain code {told}")
+    lengths = {there[row].sample_count for row, _, _ in windows}
+    if min(lengths) < LEAST_SAMPLES:
         raise LimitExceeded(
-            f"{recorded.path}: windows of {least} samples: at least {LEAST_SAMPLES} are needed"
+            f"{recorded.path}: windows of {min(lengths)} samples: at least {LEAST_SAMPLES} are needed"
         )
-    return NoisePlan(wanted, len(there) // len(codes), least, spec.converters, spec.bits)
+    if len(lengths) > 1:
+        raise RefusedInput(
+            f"{recorded.path}: silent windows of {sorted(lengths)} samples: must be of one length"
+        )
+    spec, known = recorded.spec, options.receiver
+    if known is not None and (known.converters, known.bits) != (spec.converters, spec.bits):
+        raise RefusedInput(
+            f"{recorded.path}: a receiver of {spec.converters} converters with {spec.bits} bit; "
+            f"{known.origin}: {known.converters} with {known.bits} bit"
+        )
+    return NoisePlan(wanted, windows, lengths.pop(), spec.converters, spec.bits, known)
 
 
 def gain_codes(known: tuple[int, ...] | None, wanted: tuple[int, ...] | None) -> tuple[int | None, ...]:
@@ -182,40 +215,14 @@ def analyse(plan: NoisePlan, shots: Iterable[Shot], config: BenchConfig) -> Outc
     shots : iterable of Shot
         In any order.
     config : BenchConfig
-        Not needed here; the same for all procedures.
+        The preset of the receiver, where the plan knows none; ``[emulation]`` is not read.
     """
-    windows: dict[int | None, list[RangeWindow]] = {code: [] for code in plan.codes}
-    for shot in shots:
-        if isinstance(shot.played, NoSignal) and shot.window.gain_code in windows:
-            windows[shot.window.gain_code].append(with_clipping(shot, plan.bits).window)
-    found = {code: dark_noise(ones, plan.converters) for code, ones in windows.items()}
-    return Outcome(
-        results={
-            "gain_codes": [
-                {
-                    "code": code,
-                    "noise_rms": _json(one.rms),
-                    "noise_rms_total": _json(one.rms_total),
-                    "offset_difference": _json(one.offset_difference),
-                    "windows": one.window_count,
-                    "status": one.status,
-                }
-                for code, one in found.items()
-            ]
-        },
-        tables=_tables(found),
-        figures={"noise": lambda: _figure(found)},
-        notes=[
-            noise_note(plan.converters),
-            "Not modelled: noise that is not stationary, and lines other than the interleave line; the "
-            "spectrum shows them.",
-        ],
-        verdict_values={
-            "noise_rms_v": [
-                ("all" if code is None else f"code {code}", one.rms) for code, one in found.items()
-            ]
-        },
-    )
+    from procedures.known_receiver import preset_receiver
+    from procedures.noise_outcome import outcome
+    from procedures.noise_results import noise_results
+
+    known = plan.receiver or preset_receiver(config)
+    return outcome(plan, noise_results(plan, shots, known), known)
 
 
 def noise_note(converters: int) -> str:
@@ -229,41 +236,3 @@ def noise_note(converters: int) -> str:
         f"noise_rms is the analog noise at the converter; {taken_out} taken out. "
         "noise_rms_total is the raw value."
     )
-
-
-def _json(estimate: Estimate | None) -> dict[str, Any] | None:
-    return None if estimate is None else estimate.as_json()
-
-
-def _tables(found: dict[int | None, DarkNoise]) -> dict[str, Table]:
-    ones = list(found.values())
-    known = np.array([one.rms is not None for one in ones])
-    rms = np.array([one.rms.value if one.rms else 0.0 for one in ones])
-    rms_u = np.array([one.rms.standard_uncertainty if one.rms else 0.0 for one in ones])
-    codes = {
-        "code": (np.array([-1 if code is None else code for code in found]), "1", "gain code"),
-        "code_noise": (np.ma.masked_array(rms, ~known), "V", "analog noise at the converter, rms"),
-        "code_noise_u": (np.ma.masked_array(rms_u, ~known), "V", "its standard uncertainty"),
-        "code_noise_total": (np.array([one.rms_total.value for one in ones]), "V", "raw noise, rms"),
-        "code_noise_status": (np.array([one.status for one in ones]), "1", "ok, or what is missing"),
-    }
-    return {"codes": Table(codes, "code"), **spectrum_tables(found)}
-
-
-def spectrum_tables(found: dict[int | None, DarkNoise]) -> dict[str, Table]:
-    """Return frequencies and noise densities by code as tables for the data file."""
-    frequency_hz = next(iter(found.values())).frequency_hz
-    density = np.stack([one.density_v2_per_hz for one in found.values()])
-    words = "one-sided noise density at the converter"
-    return {
-        "noise_frequency": Table(
-            {"noise_frequency": (frequency_hz, "Hz", "frequency of noise_density")}, "noise_frequency"
-        ),
-        "noise_density": Table({"noise_density": (density, "V2 Hz-1", words)}, "code", "noise_frequency"),
-    }
-
-
-def _figure(found: dict[int | None, DarkNoise]) -> Figure:
-    from procedures.noise_figure import noise_figure
-
-    return noise_figure(found)

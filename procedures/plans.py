@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from belahil.bench import Bench
     from belahil.stimuli import Stimulus
-    from belahil.values import Shot, WindowRequest
+    from belahil.values import Shot, Trigger, WindowRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +75,11 @@ def check_all(bench: Bench, shots: tuple[PlannedShot, ...]) -> None:
     LimitExceeded, InterlockRefused
         For the first shot that generator, receiver or interlock would refuse.
     """
-    stimuli: set[Stimulus] = set()
+    stimuli: set[tuple[Stimulus, Trigger]] = set()
     codes: set[int | None] = set()
     for one in shots:
-        if one.stimulus not in stimuli or one.request.gain_code not in codes:
+        played = one.stimulus, one.request.trigger
+        if played not in stimuli or one.request.gain_code not in codes:
             bench.check(one.stimulus, one.request)
-            stimuli.add(one.stimulus)
+            stimuli.add(played)
             codes.add(one.request.gain_code)

@@ -34,7 +34,7 @@ from sim.chain_noise import (
     steps_for,
 )
 from sim.chain_stimulus import stimulus
-from sim.dark_windows import read_dark_windows
+from sim.dark_windows import DarkWindows, read_dark_windows
 from sim.detector import gaussian_filter_sigma_s, tia_poles, volts_per_photon_rate
 from sim.draws import Draws
 from sim.echo import echo, posts_error
@@ -249,7 +249,7 @@ class Chain:
         """
         dark_v = self.scene.noise.dark_rms_v or 0.0
         if self._recorded:
-            dark_v = read_dark_windows(self.scene.noise.dark_windows, self.scene.gain_code).rms_v
+            dark_v = self._dark_windows.rms_v
         light = [noise.rms_v for noise in self.light_noise if isinstance(noise, StationaryNoise)]
         return math.hypot(dark_v, *(self.scene.gain * rms_v for rms_v in light))
 
@@ -367,8 +367,13 @@ class Chain:
         return volts
 
     def _add_recorded(self, volts: NDArray[np.float64], draws: Draws) -> None:
-        recorded = read_dark_windows(self.scene.noise.dark_windows, self.scene.gain_code)
-        volts += recorded.draw(draws, volts.size)
+        volts += self._dark_windows.draw(draws, volts.size)
+
+    @property
+    def _dark_windows(self) -> DarkWindows:
+        """Recorded noise, read once for as long as its file does not change."""
+        noise = self.scene.noise
+        return read_dark_windows(noise.dark_windows, self.scene.gain_code, noise.dark_laser)
 
     @cached_property
     def _echo_plan(self) -> FootprintPlan:

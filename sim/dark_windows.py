@@ -57,7 +57,7 @@ class DarkWindows:
         return self.volts[window, first : first + sample_count]
 
 
-def read_dark_windows(path: str, gain_code: int) -> DarkWindows:
+def read_dark_windows(path: str, gain_code: int, laser: str = "") -> DarkWindows:
     """Read recorded windows, once for as long as the file does not change.
 
     Parameters
@@ -67,6 +67,9 @@ def read_dark_windows(path: str, gain_code: int) -> DarkWindows:
         run, of which the windows without a stimulus at that code are used.
     gain_code : int
         Of the scene.
+    laser : {"", "off", "firing"}
+        Of a run that tells in which windows the laser fired: those to use. "": with the laser firing where
+        there are some, since an echo comes in such a window.
 
     Raises
     ------
@@ -74,7 +77,7 @@ def read_dark_windows(path: str, gain_code: int) -> DarkWindows:
         The file cannot be read or holds no such windows.
     """
     try:
-        return _read(path, gain_code, Path(path).stat().st_mtime_ns)
+        return _read(path, gain_code, laser, Path(path).stat().st_mtime_ns)
     except (OSError, ValueError, KeyError) as error:
         raise ConfigError(f"[noise] dark_windows = {path}: cannot be read ({error})") from error
     except ConfigError as error:
@@ -82,11 +85,15 @@ def read_dark_windows(path: str, gain_code: int) -> DarkWindows:
 
 
 @lru_cache(maxsize=2)
-def _read(path: str, gain_code: int, changed: int) -> DarkWindows:
+def _read(path: str, gain_code: int, laser: str, changed: int) -> DarkWindows:
     suffix = Path(path).suffix.lower()
     if suffix not in (".npy", ".nc"):
         raise ConfigError(f'"{suffix}" is unknown; allowed: .npy of V, or data.nc of a run')
-    volts = np.load(path, allow_pickle=False) if suffix == ".npy" else _of_a_run(path, gain_code)
+    if suffix == ".npy" and laser:
+        raise ConfigError(
+            f'dark_laser = "{laser}": an array does not tell when the laser fired; leave it out'
+        )
+    volts = np.load(path, allow_pickle=False) if suffix == ".npy" else _of_a_run(path, gain_code, laser)
     if volts.dtype.kind != "f" or volts.ndim > 2 or volts.size == 0 or not np.all(np.isfinite(volts)):
         raise ConfigError(
             f"{volts.dtype} of shape {volts.shape}: needs finite floating-point volts, one window a row"
@@ -96,16 +103,21 @@ def _read(path: str, gain_code: int, changed: int) -> DarkWindows:
     return DarkWindows(volts)
 
 
-def _of_a_run(path: str, gain_code: int) -> NDArray[np.float32]:
+def _of_a_run(path: str, gain_code: int, laser: str) -> NDArray[np.float32]:
     import h5py
 
     with h5py.File(path) as file:
         words = file["stimulus"].attrs["flag_meanings"].split()
-        dark = np.flatnonzero(
-            (file["stimulus"][:] == words.index("no_signal")) & (file["gain_code"][:] == gain_code)
-        )
-        if not dark.size:
+        usable = (file["stimulus"][:] == words.index("no_signal")) & (file["gain_code"][:] == gain_code)
+        if not usable.any():
             raise ConfigError(f"no window without a stimulus at gain code {gain_code}")
+        firing = np.zeros(usable.size, dtype=np.bool_)
+        if "laser_firing" in file:
+            firing |= file["laser_firing"][:] == 1
+        wanted = usable & (~firing if laser == "off" else firing)
+        if laser and not wanted.any():
+            raise ConfigError(f'dark_laser = "{laser}": no such window at gain code {gain_code}')
+        dark = np.flatnonzero(wanted if wanted.any() else usable)
         size = int(file["sample_count"][:][dark].min())
         counts = file["counts"][dark, :size].astype(np.float32)
         zero, scale = file["zero_count"][:][dark], file["volts_per_count"][:][dark]

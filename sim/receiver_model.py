@@ -25,6 +25,7 @@ from belahil.stimuli import NoSignal, SampledPulse, Sine
 from belahil.values import RangeWindow
 from sim.converter import Quantizer, SampleGrid, mismatch_gain, mismatch_offset
 from sim.draws import Draws
+from sim.emc_burst import FilteredBurst
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,9 +57,9 @@ class ReceiverModel:
 
     Notes
     -----
-    In this order: low-pass and high-pass; dead zone; cubic term; gain; noise; gain and offset of each
-    converter; quantization. The first three act on the input-referred voltage u. The dead zone turns
-    u into ``sign(u) max(|u| - deadband, 0)``, the cubic term into ``u + cubic u**3``.
+    In this order: interference of the shot; low-pass and high-pass; dead zone; cubic term; gain; noise; gain
+    and offset of each converter; quantization. The first four act on the input-referred voltage u. The dead
+    zone turns u into ``sign(u) max(|u| - deadband, 0)``, the cubic term into ``u + cubic u**3``.
     """
 
     truth: ReceiverTruth
@@ -67,6 +68,7 @@ class ReceiverModel:
     grid: SampleGrid = field(init=False)
     quantizer: Quantizer = field(init=False)
     poles: tuple[complex, ...] = field(init=False)
+    burst: FilteredBurst | None = field(init=False, repr=False, compare=False)
     effects: dict[int | None, tuple[Effect, ...]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -86,6 +88,8 @@ class ReceiverModel:
         self._set("grid", SampleGrid(true_interval_s, mismatch.skew_s))
         self._set("quantizer", Quantizer(truth.adc_full_scale_v, truth.adc_bits))
         self._set("poles", poles)
+        burst = truth.emc_burst if truth.emc_burst.amplitude_v else None
+        self._set("burst", None if burst is None else FilteredBurst(burst, poles, self.zeros))
         codes: tuple[int | None, ...] = digitizer.gain_codes or (None,)
         noise = None
         if any(truth.noise_rms_v_by_code):
@@ -133,6 +137,10 @@ class ReceiverModel:
         """
         edges = self.edges(request)
         volts = self._filtered(stimulus, request.sample_count, edges, draws, trigger_s)
+        # A shot pulse that starts a window also fires the laser.
+        if self.burst is not None and request.trigger == "digitizer":
+            since_s = (draws.uniform("sampling_phase") + edges) * self.grid.interval_s
+            volts += self.burst.at(self.grid.times_s(request.sample_count, since_s))
         return self.digitized(self.at_converter(volts, request.gain_code, draws), request)
 
     def edges(self, request: WindowRequest) -> int:

@@ -163,6 +163,11 @@ def check_scene(scene: Scene) -> None:
     if codes is not None and scene.gain_code not in codes:
         raise ConfigError(f"gain_code = {scene.gain_code}; {spec.name} has {codes[0]} to {codes[-1]}")
     check_by_code(scene.electronics, spec, "electronics")
+    if scene.electronics.emc_burst.amplitude_v:
+        raise ConfigError(
+            "[electronics] emc_burst: it rings with the shot and is over long before an echo; noise recorded "
+            "with the laser firing is [noise] dark_windows"
+        )
     if scene.electronics.noise_rms_v_by_code is not None:
         raise ConfigError("[electronics] noise_rms_v_by_code: the noise of a scene is [noise] dark_rms_v")
     check_laser(scene.laser)

@@ -102,6 +102,8 @@ def check_noise(noise: Noise) -> None:
     """Refuse two kinds of dark noise at once, and a file that is not there; errors as `check_laser`."""
     if noise.dark_windows and noise.dark_rms_v is not None:
         raise ConfigError("[noise] dark_rms_v and dark_windows: allowed is one of them")
+    if noise.dark_laser and not noise.dark_windows:
+        raise ConfigError(f'[noise] dark_laser = "{noise.dark_laser}" without dark_windows: needs both')
     _need_file(noise, "noise", "dark_windows", False, "")
 
 

@@ -223,12 +223,15 @@ class Noise(Strict, frozen=True):
         Dark noise with EMC at the converter, at the scene's gain code, coloured by the receiver's filter.
     dark_windows : str
         Instead: a file of windows recorded from a receiver, see `sim.dark_windows`.
+    dark_laser : {"", "off", "firing"}
+        Which of them, where the file tells; "": with the laser firing where there are some.
     shot : bool
         Shot noise of the echo.
     """
 
     dark_rms_v: NotNegative | None = None
     dark_windows: str = ""
+    dark_laser: Literal["", "off", "firing"] = ""
     shot: bool = False
 
 

@@ -611,8 +611,17 @@ def test_the_line_without_a_best_code_says_which_codes_are_in_its_way() -> None:
 def test_the_lines_of_noise_suit_their_receiver() -> None:
     from belahil.cli.noise import _lines
 
-    rows = [{"code": None, "noise_rms": 1}, {"code": 3, "noise_rms": 2}]
-    assert _lines({"gain_codes": rows}) == ["receiver without gain codes: noise 1", "gain code 3: noise 2"]
+    rows = [{"code": None, "noise_rms": 1, "firing": None}]
+    assert _lines({"gain_codes": rows, "best_code": None}) == ["receiver without gain codes: noise 1"]
+    burst = {"status": "ok", "peak": 4}
+    rows = [{"code": 3, "noise_rms": 2, "firing": {"noise_rms": 3, "burst": burst}}]
+    rows += [{"code": 5, "noise_rms": 2, "firing": {"noise_rms": 2, "burst": {"status": "no_burst"}}}]
+    near = {"code": 5, "difference": {"value": 1.0, "standard_uncertainty": 1.0}}
+    assert _lines({"gain_codes": rows, "best_code": 3, "best_code_runner_up": near}) == [
+        "gain code 3: noise 2, firing 3 with a burst of 4",
+        "gain code 5: noise 2, firing 2",
+        "best gain code: 3; code 5 is within the uncertainty",
+    ]
 
 
 @pytest.mark.parametrize("link", ["simulated", "emulated:serial", "emulated:usb"])

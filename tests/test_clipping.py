@@ -69,7 +69,7 @@ def test_windows_that_clip_unsaid_are_not_fitted() -> None:
 def test_dark_windows_that_clip_unsaid_give_no_noise() -> None:
     run = InMemory([])
     with open_bench(simulated()) as bench:
-        plan = noise.plan(bench, NoiseOptions(codes=(4,), dark_windows=1))
+        plan = noise.plan(bench, NoiseOptions(codes=(4,), dark_windows=1, laser="off"))
         noise.measure(bench, run, plan)
     (shot,) = run.shots
     assert isinstance(shot.played, NoSignal)

@@ -59,6 +59,8 @@ adc_full_scale_v = {full_scale_v}       # the whole span; clips at both ends
 adc_bits = {bits}
 clock_ppm = 0.0              # above zero: the receiver's clock is fast
 interleave = {{ gain = 0.0, offset_v = 0.0, skew_s = 0.0 }}   # even samples plus half, odd minus half
+# a damped sine at the cut with each shot pulse
+emc_burst = {{ amplitude_v = 0.0, frequency_hz = 8e6, decay_s = 0.5e-6, delay_s = 2e-6 }}
 input_ohm = 50
 
 [emulation.transmitter]      # the laser's own pulse through the fibre, at the cut (assumed)

@@ -7,23 +7,45 @@ from typing import Any
 
 import click
 
-from belahil.cli.options import Codes, common, common_options, windows_option
+from belahil.cli.options import Codes, common, common_options, receiver_option, windows_option
 
 
-@click.command("noise", short_help="Dark noise by gain code.")
+@click.command("noise", short_help="Dark noise by gain code, laser off and firing, and the best code.")
 @click.option("--codes", type=Codes(), metavar="0-15|4,5", help="Gain codes; all when left out.")
 @click.option(
-    "--dark-windows", type=click.IntRange(min=1), metavar="N", help="Windows for each code; 16 when left out."
+    "--dark-windows",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Windows for each code; 16 when left out, and as many with the laser firing.",
 )
+@click.option(
+    "--laser",
+    type=click.Choice(["off", "both"]),
+    help="off: never fire it. both, when left out: as many windows again with the laser firing.",
+)
+@receiver_option
 @windows_option
 @common_options
 def command(
-    codes: tuple[int, ...] | None, dark_windows: int | None, windows: Path | None, **given: Any
+    codes: tuple[int, ...] | None,
+    dark_windows: int | None,
+    laser: str | None,
+    receiver: Path | None,
+    windows: Path | None,
+    **given: Any,
 ) -> int:
-    """Measure the noise of a receiver by its gain codes, without a signal."""
+    """Measure the noise of a receiver by its gain codes, without a signal.
+
+    The receiver's shot pulse starts half of the windows, and FIRES THE LASER that it is wired to; use --laser
+    off where it must not.
+    """
     from belahil.cli.measuring import Job, perform
 
-    chosen = {"codes": codes, "dark_windows": dark_windows}
+    chosen: dict[str, Any] = {"codes": codes, "dark_windows": dark_windows, "laser": laser}
+    if receiver is not None:
+        from procedures.known_receiver import characterized_receiver
+
+        chosen["receiver"] = characterized_receiver(receiver)
     return perform(Job("noise", "NoiseOptions", _lines), common(**given), chosen, windows)
 
 
@@ -33,4 +55,24 @@ def _lines(results: dict[str, Any]) -> list[str]:
     def name(code: int | None) -> str:
         return "receiver without gain codes" if code is None else f"gain code {code}"
 
-    return [f"{name(row['code'])}: noise {one_text(row['noise_rms'])}" for row in results["gain_codes"]]
+    lines = []
+    for row in results["gain_codes"]:
+        firing = row["firing"]
+        more = ""
+        if firing is not None:
+            more = f", firing {one_text(firing['noise_rms'])}"
+            if firing["burst"] and firing["burst"]["status"] == "ok":
+                more += f" with a burst of {one_text(firing['burst']['peak'])}"
+        lines.append(f"{name(row['code'])}: noise {one_text(row['noise_rms'])}{more}")
+    if results["best_code"] is not None:
+        lines.append(f"best gain code: {results['best_code']}{_near(results['best_code_runner_up'])}")
+    return lines
+
+
+def _near(runner_up: dict[str, Any] | None) -> str:
+    """Tell of a second code that may be the best as well."""
+    if runner_up is None:
+        return ""
+    more = runner_up["difference"]
+    within = more["value"] <= 2 * more["standard_uncertainty"]
+    return f"; code {runner_up['code']} is within the uncertainty" if within else ""
