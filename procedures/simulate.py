@@ -251,7 +251,10 @@ class Simulation:
 
 
 def simulate(
-    scene: Scene, options: SimulateOptions, progress: Callable[[int, int], None] | None = None
+    scene: Scene,
+    options: SimulateOptions,
+    progress: Callable[[int, int], None] | None = None,
+    chain: Chain | None = None,
 ) -> Simulation:
     """Simulate a scene.
 
@@ -263,13 +266,15 @@ def simulate(
         How well, and how many shots.
     progress : callable or None
         Called with shots done and shots in all.
+    chain : Chain or None
+        Of this scene and tolerance, where it has been made already to tell its plan.
 
     Raises
     ------
     RefusedInput
         As `sim.chain.Chain`.
     """
-    chain = Chain(scene, Accuracy(options.tolerance))
+    chain = chain or Chain(scene, Accuracy(options.tolerance))
     played, date = chain.stimulus(), utc_now()
     finder = replace(chain.range_finder, compiled=options.shots >= _MANY)
     shots = []

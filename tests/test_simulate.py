@@ -120,6 +120,21 @@ def test_explanation_and_numbers_are_printed(tmp_path: Path, capsys: pytest.Capt
         assert words in told
 
 
+@pytest.mark.parametrize("more", [[], ["--quiet"], ["--json"]])
+def test_the_plan_stands_there_before_a_shot_is_computed(
+    more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Given a chain that fails at its first shot
+    def fails(chain: Chain, shot: int) -> None:
+        raise RefusedInput(f"no shot {shot}")
+
+    monkeypatch.setattr(Chain, "window", fails)
+    # When a scene is simulated
+    assert main(["simulate", "night", "--out", str(tmp_path / "run"), *more]) == 2
+    # Then the whole plan has been told, unless nobody wants it
+    assert capsys.readouterr().out.rstrip() == ("" if more else Chain(load_scene("night")).explain())
+
+
 def test_the_summary_is_printed_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["simulate", "plane", "--shots", "1", "--seed", "5", "--json", "--out", str(tmp_path / "run")]
 

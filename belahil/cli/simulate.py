@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from belahil.cli.options import version_option
-
-if TYPE_CHECKING:
-    from sim.chain import Chain
 
 
 @click.command("simulate", short_help="A scene's echo, from the ground to the samples.")
@@ -53,6 +50,8 @@ def command(
     from belahil.scene_run import SceneRun
     from procedures.simulate import SimulateOptions, simulate
     from procedures.simulate_outcome import analyse, remarks
+    from sim.accuracy import Accuracy
+    from sim.chain import Chain
     from sim.scene import as_toml, load_scene
 
     loaded = load_scene(scene)
@@ -62,9 +61,11 @@ def command(
     options = SimulateOptions(**{key: value for key, value in told.items() if value is not None})
     folder = out or dated("simulate")
     refuse_used(folder)
+    chain = Chain(loaded, Accuracy(options.tolerance))
+    if not (quiet or as_json):
+        print(chain.explain(), end="\n\n", flush=True)
     with shown(quiet, kept=0) as progress:
-        simulation = simulate(loaded, options, progress)
-    chain = simulation.chain
+        simulation = simulate(loaded, options, progress, chain)
     instruments = {
         "laser": loaded.laser.preset,
         "detector": loaded.detector.preset,
@@ -77,19 +78,17 @@ def command(
     if as_json:
         sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
     elif not quiet:
-        for line in [*_lines(chain, summary["results"]), *(f"note: {one}" for one in remarks(simulation))]:
+        for line in [*_lines(summary["results"]), *(f"note: {one}" for one in remarks(simulation))]:
             print(line)
         print(f"report: {folder / 'report.html'}")
     return 0
 
 
-def _lines(chain: Chain, results: dict[str, Any]) -> list[str]:
+def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import one_text
 
     echo = results["echo"]
     lines = [
-        chain.explain(),
-        "",
         f"echo: {echo['photons']:.4g} photons, {1e15 * echo['energy_j']:.3g} fJ, "
         f"{1e3 * echo['peak_at_converter_v']:.3g} mV at the converter",
         "one shot, compared without noise, by night and by day:",
