@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from belahil.outcome import STATUSES
 from belahil.report import remake
 from procedures.simulate import SimulateOptions, simulate
 from procedures.simulate_outcome import analyse, remarks
+from sim.accuracy import FLOOR, Accuracy
 from sim.chain import Chain
 from sim.scene import load_scene, parse_scene
 
@@ -219,6 +221,21 @@ def test_an_unknown_scene_names_the_ready_ones(capsys: pytest.CaptureFixture[str
     assert main(["simulate", "moon"]) == 2
 
     assert "boulder-example" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["simulate", "pulse-shape"])
+def test_the_help_tells_the_tolerances_that_are_taken(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, "--help"]) == 0
+
+    said = " ".join(capsys.readouterr().out.split())
+    lowest, highest = re.findall(r"relative to (?:the|its) peak, from (\S+) to below (\S+);", said)[0]
+    assert Accuracy(float(lowest)).tolerance == FLOOR
+    assert Accuracy(float(highest) * (1 - 1e-9))
+    for beyond in (float(lowest) * (1 - 1e-9), float(highest)):
+        with pytest.raises(RefusedInput):
+            Accuracy(beyond)
 
 
 @pytest.mark.parametrize("words", [{"products": "windows"}, {"shots": 0}, {"tolerance": -1.0}])

@@ -42,7 +42,12 @@ class Degrees(click.ParamType[tuple[float, ...]]):
     type=click.Choice(("absent", "inside")),
     help="Play the mean echo, or with each shot another realization; absent.",
 )
-@click.option("--tolerance", type=float, metavar="X", help="Largest error of an echo, relative; 1e-4.")
+@click.option(
+    "--tolerance",
+    type=float,
+    metavar="X",
+    help="Largest error of an echo, relative to its peak, from 1e-10 to below 1; 1e-4.",
+)
 @receiver_option
 @windows_option
 @common_options

@@ -13,7 +13,12 @@ from belahil.cli.options import version_option
 
 @click.command("simulate", short_help="A scene's echo, from the ground to the samples.")
 @click.argument("scene")
-@click.option("--tolerance", type=float, metavar="X", help="Largest error, relative to the peak; 1e-4.")
+@click.option(
+    "--tolerance",
+    type=float,
+    metavar="X",
+    help="Largest error, relative to the peak, from 1e-10 to below 1; 1e-4.",
+)
 @click.option("--shots", type=click.IntRange(min=1), metavar="N", help="Whole windows with noise; 10.")
 @click.option(
     "--products",
