@@ -75,7 +75,7 @@ class PageReceiver:
         elif subtype == 1:
             self.send(200, 129, number + b"Receiver from the page")
         elif subtype == 2:
-            spec = struct.pack(">dIBBBBB", 80e6, 16064, 12, 2, 0b001, 0b101, 16)
+            spec = struct.pack(">dIBBBBB", 80e6, 16064, 12, 2, 0b001, 0b1101, 16)
             self.send(200, 130, number + spec + bytes(range(16)))
         elif subtype == 3:
             self.arm(number, data)
@@ -93,8 +93,8 @@ class PageReceiver:
             (not 1 <= count <= 16064, 4, "1 to 16064 samples"),
             (trigger != 0, 6, "immediate only"),
             (source != 0, 7, "return only"),
-            (products not in (0, 2), 8, "windows and correlation windows"),
-            (products == 2 and count < 5, 4, "at least 5 samples to look for a pulse"),
+            (products not in (0, 2, 3), 8, "windows, correlation windows, or both"),
+            (products > 1 and count < 5, 4, "at least 5 samples to look for a pulse"),
         ):
             if wrong:
                 self.refuse(number, reason, text)
@@ -111,7 +111,8 @@ class PageReceiver:
             first = min(max(largest - 2, 0), count - 5)
             found = struct.pack(">dddIH", largest * 12.5e-9, 25e-9, counts[largest] * 2 / 4096, first, 5)
             found += struct.pack(">5h", *counts[first : first + 5])
-            counts = []
+            if products == 2:
+                counts = []
         payload = (
             struct.pack(">IBBBBII", shot, code, bool(found), bool(found), 0, len(counts), 0)
             + struct.pack(">dddd", 2 / 4096, 0.0, 12.5e-9, 0.0)

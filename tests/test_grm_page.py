@@ -238,7 +238,13 @@ def test_a_receiver_written_from_the_page_is_measured(usb: bool) -> None:
 
     assert digitizer.identity == "Receiver from the page"
     assert digitizer.spec == DigitizerSpec(
-        80e6, 12, 2, 16064, tuple(range(16)), ("immediate",), ("window", "correlation_windows")
+        80e6,
+        12,
+        2,
+        16064,
+        tuple(range(16)),
+        ("immediate",),
+        ("window", "correlation_windows", "window_and_candidates"),
     )
     assert digitizer.housekeeping() == {"supply_v": 28.0}
     for shot in range(20):
@@ -247,9 +253,14 @@ def test_a_receiver_written_from_the_page_is_measured(usb: bool) -> None:
         window = digitizer.read(1.0)
         assert np.array_equal(window.counts, counts_of(shot, shot % 16, 400 + shot))
         assert (window.shot, window.gain_code, window.volts_per_count) == (shot, shot % 16, 2 / 4096)
+        # and the same with its candidate
+        digitizer.arm(replace(request, products="window_and_candidates"))
+        both = digitizer.read(1.0)
+        assert np.array_equal(both.counts, window.counts)
         # and its candidate, without the samples
         digitizer.arm(replace(request, products="correlation_windows"))
         found = digitizer.read(1.0)
+        assert both.candidates == found.candidates
         largest = int(window.counts.argmax())
         (candidate,) = found.candidates
         assert found.counts.size == 0

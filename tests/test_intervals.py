@@ -18,6 +18,7 @@ from procedures.intervals import (
     difference,
     effective_freedom,
     mean_interval,
+    mean_of,
     normal_factor,
 )
 
@@ -127,6 +128,17 @@ def test_equal_proportions_have_zero_in_the_interval_of_their_difference(measure
         missed = sum(few[i] * many[j] for i, j in likely if not difference(ends[0][i], ends[1][j]).holds(0.0))
         # Then zero is left out no oftener than said
         assert missed <= 1 - level
+
+
+@pytest.mark.parametrize("level", [0.9, 0.95, 0.999])
+def test_the_mean_of_proportions_is_covered_as_often_as_said(level: float) -> None:
+    # Given 3000 draws of six proportions of 60 trials each, from seldom to always
+    rng, places = np.random.default_rng(2), np.array([0.02, 0.2, 0.5, 0.8, 0.98, 1.0])
+    ends = [clopper_pearson(count, 60, level) for count in range(61)]
+    counts = rng.binomial(60, places, size=(3000, places.size))
+    covered = np.mean([mean_of([ends[count] for count in row]).holds(places.mean()) for row in counts])
+    # Then their mean is covered at least as often, but for chance
+    assert covered >= level - 3 * math.sqrt(level * (1 - level) / 3000)
 
 
 def test_a_known_error_widens_in_squares() -> None:

@@ -68,7 +68,7 @@ def exactly(config: BenchConfig, **known: Any) -> KnownReceiver:
 
 
 def chosen(config: BenchConfig, **words: Any) -> ParityOptions:
-    few = {"snrs": (3.0, 8.0), "widths_s": (40e-9,), "shots": 80, "samples": 4000, "model_windows": 600}
+    few = {"snrs": (3.0, 8.0), "widths_s": (40e-9,), "shots": 80, "samples": 3000, "model_windows": 300}
     return ParityOptions(**({"receiver": exactly(config)} | few | words))
 
 
@@ -222,8 +222,8 @@ def test_a_bank_without_narrow_templates_misses_echoes_whether_samples_come_or_n
         assert echoes_of(outcome) == {status}
         assert "fail" in decisions(outcome)["detection_probability_difference"]
         assert ("windows_agreeing" in decisions(outcome)) == (products == "window_and_candidates")
-        drawn(outcome)
         assert (outcome.results["status"] == "no_samples") == (products != "window_and_candidates")
+    drawn(outcome)
 
 
 def moved(by_s: float, every: bool = True) -> Callable[[RangeFinder], Report]:
