@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SEARCHED = 8
 """Sample intervals before and after the expected place in which a pulse is looked for."""
-_PLACES = 8
+_PLACES = 4
 """Places of the search in a sample interval."""
 _FEWEST = 3
 """Values in a bin of which a mean is told."""

@@ -10,7 +10,7 @@ import numpy as np
 from belahil.outcome import BudgetLine, Outcome
 from belahil.values import Estimate
 from belahil.verdict import Check, decide
-from procedures.pulse_shape import trigger_late_s
+from procedures.pulse_shape_plan import trigger_late_s
 from procedures.pulse_shape_tables import tables
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from belahil.config import BenchConfig
-    from procedures.pulse_shape import PulseShapePlan
+    from procedures.pulse_shape_plan import PulseShapePlan
     from procedures.pulse_shape_results import CaseResult, Compared, Tested
 
 _NAMES = {

@@ -14,8 +14,8 @@ from procedures.clipping import with_clipping
 from procedures.known_receiver import KnownReceiver, preset_receiver
 from procedures.noise_covariance import StretchNoise, stretch_noise
 from procedures.pulse_prediction import known_path, uncertain_numbers
-from procedures.pulse_shape import LONGEST_STRETCH, trigger_late_s
 from procedures.pulse_shape_fit import ShapeFit, fit_shape
+from procedures.pulse_shape_plan import LONGEST_STRETCH, trigger_late_s
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from belahil.config import BenchConfig
     from belahil.values import RangeWindow, Shot
-    from procedures.pulse_shape import PulseShapePlan, ShapeCase, ShapeStatus
+    from procedures.pulse_shape_plan import PulseShapePlan, ShapeCase, ShapeStatus
 
 Verdict = Literal["agrees", "differs", "undecided"]
 
@@ -158,10 +158,11 @@ def compared(plan: PulseShapePlan, shots: Iterable[Shot], config: BenchConfig) -
         elif index in place:
             found[place[index]].append(with_clipping(shot, plan.bits))
     alpha = FALSE_ALARMS / (3 * len(plan.cases))
-    counts = {case.gain_code: min(case.sample_count, LONGEST_STRETCH) for case in plan.cases}
-    noise = {
-        code: stretch_noise(windows, counts.get(code, 1), plan.converters) for code, windows in dark.items()
-    }
+    noise = {}
+    for code, windows in dark.items():
+        counts = [case.sample_count for case in plan.cases if case.gain_code == code]
+        length = min(max(counts, default=1), LONGEST_STRETCH)
+        noise[code] = stretch_noise(windows, length, plan.converters)
     comparer = _Comparer(plan, config, receiver, noise, alpha)
     cases = tuple(comparer.of(case, ones) for case, ones in zip(plan.cases, found, strict=True))
     return Compared(receiver, cases, noise)

@@ -14,7 +14,7 @@ import xarray
 from belahil import pulse_fit
 from belahil.cli.main import main
 from belahil.outcome import STATUSES
-from procedures import butterworth_fit, dark_noise, pulse_shape, sine_fit
+from procedures import butterworth_fit, dark_noise, pulse_shape_plan, sine_fit
 from procedures.candidate_parity import ParityStatus
 from procedures.rfm_parity_results import EchoStatus, RunStatus
 
@@ -92,7 +92,7 @@ def test_every_status_that_is_made_has_a_number() -> None:
     made |= {f"noise_{word}" for word in dark if word != "ok"}
     made |= set(get_args(pulse_fit.FitStatus))
     made |= {*get_args(ParityStatus), *get_args(EchoStatus), *get_args(RunStatus)}
-    made |= set(get_args(pulse_shape.ShapeStatus))
+    made |= set(get_args(pulse_shape_plan.ShapeStatus))
     made |= {"no_light"}  # of a simulated echo
     made -= {"masked"}  # which is ok in a table
     assert made == set(STATUSES)

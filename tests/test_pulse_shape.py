@@ -25,7 +25,8 @@ from belahil.stimuli import SampledPulse
 from belahil.values import RangeWindow, Shot, WindowRequest
 from procedures.playable import playable
 from procedures.pulse_echoes import NamedScene
-from procedures.pulse_shape import PulseShapeOptions, PulseShapePlan, analyse, measure, plan, recorded_plan
+from procedures.pulse_shape import PulseShapeOptions, analyse, measure, plan, recorded_plan
+from procedures.pulse_shape_plan import PulseShapePlan
 from sim.chain import Chain
 from sim.draws import Draws
 from sim.receiver_model import ReceiverModel
@@ -178,7 +179,7 @@ def test_a_bench_with_a_fast_generator_gives_the_window_that_the_scene_gives(add
 # ---- a real profile
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("shot_noise", ["absent", "inside"])
 def test_the_prediction_for_what_was_played_holds_and_for_what_was_wished_fails(
     seed: int, shot_noise: Any
@@ -238,6 +239,19 @@ def test_a_hidden_difference_is_found(wrong: dict[str, Any], fails: str) -> None
     assert case["verdict"] == "differs"
     if fails == "numbers":
         assert fails in case["played"]["failed"]
+
+
+def test_steps_between_points_are_predicted_as_steps() -> None:
+    # given a generator that holds its points
+    config = bench_of(7)
+    # when an echo is played so
+    options = PulseShapeOptions(ready("night"), slopes_deg=(0.0,), shots=60, interpolation="hold")
+    made, shots = measured(config, options)
+    assert shots[-1].played == made.cases[0].pulses[0].played
+    assert made.cases[0].pulses[0].played.interpolation == "hold"
+    # then the prediction for what was played holds
+    (case,) = analyse(made, shots, config).results["cases"]
+    assert case["verdict"] == "agrees"
 
 
 @pytest.mark.parametrize(("trigger", "delay_s"), [("generator", 130e-9), ("digitizer", 75e-9)])

@@ -9,6 +9,18 @@ import click
 
 from belahil.cli.options import common, common_options, receiver_option, windows_option
 
+_OWN = (
+    "slopes_deg",
+    "azimuths_deg",
+    "shots",
+    "dark_windows",
+    "gain_code",
+    "shot_noise",
+    "interpolation",
+    "tolerance",
+)
+"""Options that the procedure has under the same names."""
+
 
 class Degrees(click.ParamType[tuple[float, ...]]):
     """Angles with commas between, in degrees; zero and negative ones too."""
@@ -43,6 +55,11 @@ class Degrees(click.ParamType[tuple[float, ...]]):
     help="Play the mean echo, or with each shot another realization; absent.",
 )
 @click.option(
+    "--interpolation",
+    type=click.Choice(("linear", "hold")),
+    help="What the generator makes of its points: lines or steps; linear.",
+)
+@click.option(
     "--tolerance",
     type=float,
     metavar="X",
@@ -61,8 +78,7 @@ def command(scenes: tuple[str, ...], receiver: Path | None, windows: Path | None
     from procedures.pulse_echoes import NamedScene
     from sim.scene import as_toml, load_scene
 
-    own = ("slopes_deg", "azimuths_deg", "shots", "dark_windows", "gain_code", "shot_noise", "tolerance")
-    chosen: dict[str, Any] = {name: given.pop(name) for name in own}
+    chosen: dict[str, Any] = {name: given.pop(name) for name in _OWN}
     chosen["scenes"] = tuple(NamedScene(name, as_toml(load_scene(name))) for name in scenes)
     chosen["receiver"] = None if receiver is None else characterized_receiver(receiver)
     job = Job("pulse-shape", "PulseShapeOptions", _lines)
