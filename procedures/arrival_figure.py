@@ -23,16 +23,14 @@ def arrival_figure(arrival: Arrival) -> Figure:
     """Draw delay against width: bench beside model, footprints, all beside the published polynomial."""
     figure = Figure(figsize=(11.0, 7.8), layout="constrained")
     figure.set_label(
-        "(a) Delay of the detected centre of a pulse against its detected width: the model of the receiver, "
-        "and "
-        "the bench with the delay of its reference pulses (band: two standard uncertainties of that "
-        "constant). "
-        "(b) Bench less model at the same pulses, delays after the reference pulses; bars: two standard "
-        "uncertainties; band: what the uncertainty of the model's cut-off makes. (c) Shift of footprints on "
-        "terrain by detected width, as a share of each width; points: means; lines: polynomial through them "
-        "and "
-        "the model; dashed: plus and minus the standard deviation. (d) The published polynomial with either "
-        "linear coefficient plus a delay is a constant where both are right; the mean is taken off."
+        "(a) Delay of the detected centre of a pulse against its detected width. Line: the model of the "
+        "receiver; points: the bench, with the delay of its reference pulses, whose two standard "
+        "uncertainties are the band. (b) Bench less model at the same pulses, delays after the reference "
+        "pulses; bars: two standard uncertainties; band: what the uncertainty of the model's cut-off makes. "
+        "(c) Shift of footprints on terrain by detected width, as a share of each width; points: means; "
+        "lines: polynomial through them, and the model; dashed: plus and minus the standard deviation. "
+        "(d) The published polynomial with either linear coefficient plus a delay, which is a constant where "
+        "both are right; the mean is taken off."
     )
     grid = figure.subplots(2, 2)
     _delays(grid[0, 0], arrival)

@@ -137,8 +137,7 @@ def _over(
     if relief.spacing_m > _COARSEST * min(sigma_m):
         raise RefusedInput(
             f"{ground.name}: posts {relief.spacing_m:g} m apart under a beam of {min(sigma_m):.3g} m rms "
-            "from "
-            f"{altitude_m / 1e3:g} km; allowed: up to {_COARSEST * min(sigma_m):.3g} m"
+            f"from {altitude_m / 1e3:g} km; allowed: up to {_COARSEST * min(sigma_m):.3g} m"
         )
     count = 2 * math.ceil(_ROUND_S / interval_s)
     echoes = GridEcho(

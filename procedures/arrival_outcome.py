@@ -287,11 +287,9 @@ def _budget(arrival: Arrival) -> list[BudgetLine]:
 
 def _notes(arrival: Arrival) -> list[str]:
     notes = [
-        "A delay of the bench is that of the test pulses after the reference pulses of the same window. "
-        "What is "
-        "common to all widths is known only through [bench] trigger_delay_s, taken for exact, and the "
-        "knowledge "
-        "that a trigger falls within one sample.",
+        "A delay of the bench is that of the test pulses after the reference pulses of the same window. What "
+        "is common to all widths is known only through [bench] trigger_delay_s, taken for exact, and because "
+        "a trigger falls within one sample.",
         "The model's curve is that of Gaussian pulses behind its filter; no curve is continued beyond its "
         "widths.",
         "Not modelled: jitter of the generator, small-signal behaviour, a receiver that is not linear; in "
@@ -305,7 +303,7 @@ def _notes(arrival: Arrival) -> list[str]:
         notes.append(
             "The published polynomial and the model's delay sum to a constant of "
             f"{1e9 * plain.constant_s:.2f} ns within {1e9 * plain.rms_s:.2f} ns rms with a linear "
-            "coefficient of "
-            f"9.37e-2; with the printed 9.37e-1 the sum varies by {1e9 * printed.rms_s:.1f} ns rms{judged}."
+            "coefficient of 9.37e-2; with the printed 9.37e-1 the sum varies by "
+            f"{1e9 * printed.rms_s:.1f} ns rms{judged}."
         )
     return notes

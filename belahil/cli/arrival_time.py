@@ -100,8 +100,7 @@ def _bench_lines(bench: dict[str, Any]) -> list[str]:
         lines.append(
             f"bench and model {agreement['status']} in shape (chi-square {agreement['chi_square']:.1f} for "
             f"{agreement['degrees_of_freedom']}) and {agreement['constant_status']} in the constant, which "
-            "is "
-            f"apart by {one_text(agreement['constant'])}"
+            f"is apart by {one_text(agreement['constant'])}"
         )
     return lines
 
