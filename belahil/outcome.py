@@ -51,6 +51,7 @@ STATUSES = (
     "equal_windows",
     "pulse_below_noise",
     "no_light",
+    "not_two_pulses",
 )
 """All words of a status column. The place of a word is its number in data files, so new ones go last."""
 

@@ -50,7 +50,7 @@ def outcome(
 
 
 def _results(found: EnergyResults) -> dict[str, Any]:
-    gains = np.unique(found.readings.gain)
+    gains = np.unique(found.readings.gain[found.readings.gain > 0])
     return {
         "status": found.status,
         "measured": {
@@ -149,9 +149,9 @@ def _tables(found: EnergyResults) -> dict[str, Table]:
                 "energy_played_width_s": (
                     readings.width_s,
                     "s",
-                    "area of the played pulse by its peak",
+                    "full width of the played pulse",
                 ),
-                "energy_played_peak_v": (readings.peak_v, "V", "peak of the played pulse at the cut"),
+                "energy_played_peak_v": (readings.peak_v, "V", "height of the played pulse at the cut"),
                 "energy_optical_j": (readings.energy_j, "J", "optical energy at the reference gains"),
                 "energy_window_v_s": (of_pulse("window_v_s"), "V s", "integral of the correlation window"),
                 "energy_gaussian_v_s": (of_pulse("gaussian_v_s"), "V s", "area of the fitted Gaussian"),

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belahil.errors import RefusedInput
-from belahil.stimuli import SampledPulse, largest_volts
+from belahil.stimuli import SampledPulse
 from procedures.clipping import with_clipping
 from procedures.energy_fit import clusters
 from procedures.energy_model import (
@@ -19,6 +18,7 @@ from procedures.energy_model import (
     finder_of,
     played_area_v_s,
 )
+from procedures.played_pulses import played_pulses
 from procedures.pulse_energy import PulseEnergy, window_energy
 
 if TYPE_CHECKING:
@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from sim.scene import Scene
 
 
+_SAME_INTERVAL = 1e-6
+"""Relative difference of nominal sample intervals; the true ones differ by the clock's error."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
     """What the windows say.
@@ -43,7 +47,8 @@ class Readings:
     pulses : tuple of PulseEnergy
         Found.
     area_v_s, width_s, peak_v : ndarray, shape (n,)
-        Of the stimulus as played at the cut: area, V s; area divided by the peak, s; peak, V.
+        Of the stimulus as played at the cut: area, V s; full width, s, and height, V, of the Gaussian of the
+        same moments.
     energy_j : ndarray, shape (n,)
         Optical energy that such an area stands for, at the reference gains, J.
     gain : ndarray, shape (n,)
@@ -93,33 +98,36 @@ def read_shots(
 ) -> Readings:
     """Find the pulse of each window of a sampled pulse.
 
-    Raises
-    ------
-    RefusedInput
-        A window of a gain code that `receiver` does not know, of another sample interval, or of a stimulus
-        without area.
+    Parameters
+    ----------
+    shots : iterable of Shot
+        Those of other stimuli are left out.
+    receiver : KnownReceiver
+        Its gains, and its sample interval.
+    scene : Scene
+        Its detector turns an area at the cut into an energy.
+    window_samples, converters, bits : int
+        As in `procedures.pulse_energy.window_energy`.
     """
     finder = finder_of(receiver, window_samples)
+    gains = {one.code: one.gain.value for one in receiver.codes}
     rows, pulses, stimuli = [], [], []
     for shot in shots:
         played = shot.played
         if not isinstance(played, SampledPulse):
             continue
         window = with_clipping(shot, bits).window
-        if abs(window.sample_interval_s / receiver.sample_interval_s - 1) > 1e-6:
-            raise RefusedInput(
-                f"shot {window.shot}: samples every {window.sample_interval_s:.6g} s; "
-                f"{receiver.origin} has {receiver.sample_interval_s:.6g} s: another receiver"
-            )
-        area_v_s, peak_v = played_area_v_s(played), largest_volts(played)
-        if not area_v_s > 0:
-            raise RefusedInput(
-                f"shot {window.shot}: a stimulus with an area of {area_v_s:.4g} V s; above zero is needed"
-            )
-        gain = receiver.at(window.gain_code).gain.value
+        area_v_s, parts = played_area_v_s(played), played_pulses(played)
+        gain = gains.get(window.gain_code, 0.0)
         energy_j = area_v_s * energy_per_volt_second(scene) * at_reference(scene, gain)
-        rows.append((window.shot, area_v_s, area_v_s / peak_v, peak_v, energy_j, gain))
-        pulses.append(window_energy(window, finder, converters, bits))
+        width_s, peak_v = (parts[0].width_s, parts[0].peak_v) if parts else (0.0, 0.0)
+        rows.append((window.shot, area_v_s, width_s, peak_v, energy_j, gain))
+        if abs(window.sample_interval_s / receiver.sample_interval_s - 1) > _SAME_INTERVAL:
+            pulses.append(PulseEnergy("another_receiver"))
+        elif not gain or not area_v_s > 0 or len(parts) != 1:
+            pulses.append(PulseEnergy("not_known"))
+        else:
+            pulses.append(window_energy(window, finder, converters, bits))
         stimuli.append(played)
     table = np.array(rows, dtype=np.float64).reshape(-1, 6).T
     group = clusters(table[2])

@@ -103,15 +103,26 @@ class EnergyResults:
 
     @property
     def status(self) -> str:
-        """Return "ok"; "no_usable_point"; "too_few_points" with pulses of fewer than three widths."""
+        """Return "ok", or why there is no line.
+
+        ``no_usable_point``: no window has both integrals; ``equal_windows``: all windows are equal, though
+        several were measured; ``too_few_points``: pulses of fewer than three widths.
+        """
         if not self.readings.usable.any():
             return "no_usable_point"
+        if self._equal:
+            return "equal_windows"
         return "ok" if self.measured["gaussian"] else "too_few_points"
 
     @cached_property
     def points(self) -> EnergyPoints:
         """Measured pulses."""
         return self.readings.points
+
+    @property
+    def _equal(self) -> bool:
+        points = self.points
+        return points.window_s.size > 1 and float(np.ptp(points.window_s)) == 0.0
 
     @cached_property
     def groups(self) -> NDArray[np.int64]:
@@ -122,6 +133,8 @@ class EnergyResults:
     def measured(self) -> dict[str, EnergyFit | None]:
         """Line and curve of each integral; the noise of a pulse goes with 1 / amplitude."""
         points = self.points
+        if self._equal:
+            return dict.fromkeys(INTEGRALS)
         weights = points.amplitude_v**2
         return {
             name: fit_energy(points.of(name), points.energy_j_per_v, self.groups, weights)

@@ -7,14 +7,14 @@ alone, the receiver's 0 V is believed.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from belahil.pulse_fit import CURVATURE, FitStatus, gaussian_fit
+from belahil.pulse_fit import FitStatus, gaussian_fit
 from procedures.clipping import span_of
+from procedures.played_pulses import GAUSSIAN_AREA
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from belahil.values import RangeWindow
     from sim.rfm import RangeFinder
 
-GAUSSIAN_AREA = math.sqrt(2 * math.pi / CURVATURE)
-"""Area of a Gaussian of unit height and unit full width: sqrt(pi) / (2 sqrt(ln 2)) = 1.06447."""
+EnergyStatus = FitStatus | Literal["another_receiver", "not_known"]
 
 LEAST_QUIET = 64
 """Samples of a converter from which a baseline is taken, at least."""
@@ -43,7 +42,8 @@ class PulseEnergy:
     ----------
     status : str
         That of `belahil.pulse_fit`; only ``ok`` has numbers. ``saturated``: samples were clipped, and both
-        integrals are too small.
+        integrals are too small. ``another_receiver``: sampled at another rate than the known receiver does.
+        ``not_known``: a gain code whose gain is not known, or a stimulus that is not one pulse upwards.
     arrival_s, fwhm_s, amplitude_v : float
         Of the fitted Gaussian; the arrival from the first sample of the window.
     window_v_s : float
@@ -54,7 +54,7 @@ class PulseEnergy:
         As `window_v_s`, with samples below 0 V taken for 0 V.
     """
 
-    status: FitStatus
+    status: EnergyStatus
     arrival_s: float = 0.0
     fwhm_s: float = 0.0
     amplitude_v: float = 0.0

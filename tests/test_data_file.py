@@ -16,6 +16,8 @@ from belahil.cli.main import main
 from belahil.outcome import STATUSES
 from procedures import butterworth_fit, dark_noise, pulse_shape_plan, sine_fit
 from procedures.candidate_parity import ParityStatus
+from procedures.pulse_energy import EnergyStatus
+from procedures.pulse_pairs import PairStatus
 from procedures.rfm_parity_results import EchoStatus, RunStatus
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -94,6 +96,8 @@ def test_every_status_that_is_made_has_a_number() -> None:
     made |= {*get_args(ParityStatus), *get_args(EchoStatus), *get_args(RunStatus)}
     made |= set(get_args(pulse_shape_plan.ShapeStatus))
     made |= {"no_light"}  # of a simulated echo
+    unions = (EnergyStatus, PairStatus)
+    made |= {word for union in unions for part in get_args(union) for word in get_args(part)}
     made -= {"masked"}  # which is ok in a table
     assert made == set(STATUSES)
 

@@ -31,6 +31,7 @@ from belahil.config import (
     simulated,
 )
 from belahil.errors import RefusedInput
+from belahil.generators import MODELS
 from belahil.outcome import Outcome
 from belahil.stimuli import NoSignal, SampledPulse
 from belahil.values import Estimate, RangeWindow, Shot
@@ -44,8 +45,10 @@ from procedures.energy_model import (
     plane_points,
     played_area_v_s,
 )
+from procedures.gaussian_pulses import TrainPulse, gaussian_train
 from procedures.known_receiver import KnownReceiver, preset_receiver
-from procedures.pulse_energy import GAUSSIAN_AREA, pulse_energy, window_energy
+from procedures.played_pulses import GAUSSIAN_AREA
+from procedures.pulse_energy import pulse_energy, window_energy
 from sim.chain import Chain
 from sim.kernel import Kernel
 from sim.pulse_shape import FWHM_OF_SIGMA, PulsePiece, PulseShape
@@ -371,12 +374,30 @@ def test_two_gain_codes_mixed_are_each_taken_with_their_own_gain() -> None:
     assert slope.standard_uncertainty < 0.01 * expected
 
 
-def test_a_file_from_another_receiver_is_refused() -> None:
-    with pytest.raises(RefusedInput, match="another receiver"):
-        found(bench_with(), SMALL, windows_of(lambda one: replace(one, sample_interval_s=5e-9)))
+def test_windows_from_another_receiver_or_at_an_unknown_gain_have_no_energy() -> None:
+    other = found(bench_with(), SMALL, windows_of(lambda one: replace(one, sample_interval_s=5e-9))).results
     strange = replace(known(bench_with()), codes=(known(bench_with()).codes[3],))
-    with pytest.raises(RefusedInput, match="gain code 4"):
-        found(bench_with(), replace(SMALL, receiver=strange))
+    unknown = found(bench_with(), replace(SMALL, receiver=strange)).results
+
+    assert (other["points"], other["status"]) == ({"another_receiver": 6}, "no_usable_point")
+    assert (unknown["points"], unknown["status"]) == ({"not_known": 6}, "no_usable_point")
+
+
+def test_equal_windows_have_no_line() -> None:
+    first = measured(bench_with(), SMALL)[0].window
+
+    results = found(bench_with(), SMALL, windows_of(lambda one: replace(first, shot=one.shot))).results
+
+    assert results["status"] == "equal_windows"
+    assert results["measured"]["window"]["slope"] is None
+
+
+def test_two_pulses_in_one_stimulus_have_no_energy() -> None:
+    pair = gaussian_train((TrainPulse(20e-9, 0.05, 1e-6), TrainPulse(20e-9, 0.05, 3e-6)), MODELS["33522B"])
+
+    results = found(bench_with(), SMALL, lambda shot: replace(shot, played=pair)).results
+
+    assert results["points"] == {"not_known": 6}
 
 
 @pytest.mark.parametrize(

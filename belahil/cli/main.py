@@ -28,6 +28,7 @@ COMMANDS = (
     "rfm-parity",
     "pulse-shape",
     "simulate",
+    "tof-linearity",
     "accuracy",
     "bench",
     "emulate",
