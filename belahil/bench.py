@@ -135,12 +135,13 @@ class Bench:
 
         Raises
         ------
-        InterlockRefused, LimitExceeded
-            One line with what was asked and what is allowed.
+        RefusedInput
+            One line with what was asked and what is allowed; `InterlockRefused`, `LimitExceeded`.
         """
         # What is being played has been checked before.
         if self._prepared is None or self._prepared[0] != stimulus:
             self._check_stimulus(stimulus)
+        request.check()
         spec = self.spec
         if (
             request.gain_code is not None

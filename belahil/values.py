@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+import operator
 from dataclasses import dataclass, field
+from numbers import Real
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+
+from belahil.errors import RefusedInput
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -80,6 +85,36 @@ class WindowRequest:
     trigger: Trigger = "immediate"
     source: Source = "return"
     products: Products = "window"
+
+    def check(self) -> None:
+        """Refuse what no receiver could take.
+
+        Raises
+        ------
+        RefusedInput
+            A shot or a count that is no whole number, a negative shot, a window of no sample, or a delay that
+            is not finite.
+        """
+        check_whole("shot", self.shot, 0)
+        check_whole("sample_count", self.sample_count, 1)
+        if not isinstance(self.delay_s, Real) or not math.isfinite(self.delay_s):
+            raise RefusedInput(f"a window with delay_s = {self.delay_s!r}: must be a finite number")
+
+
+def check_whole(name: str, number: object, least: int) -> None:
+    """Refuse what is not a whole number of at least `least`, of Python or of NumPy.
+
+    Raises
+    ------
+    RefusedInput
+        One line with the name and what is allowed.
+    """
+    try:
+        fits = operator.index(number) >= least  # type: ignore[arg-type]
+    except TypeError:
+        fits = False
+    if not fits:
+        raise RefusedInput(f"{name} = {number!r}: must be a whole number of {least} or more")
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from msgspec import structs
 
 from belahil.config import Interleave
 from belahil.errors import ConfigError
-from belahil.values import RangeWindow, Waveform, WindowRequest
+from belahil.values import RangeWindow, Waveform, WindowRequest, check_whole
 from sim.accuracy import Accuracy
 from sim.chain_light import Illumination, Lit, OpticalEcho, span_s
 from sim.chain_noise import (
@@ -232,7 +232,9 @@ class Chain:
         sample_count : int or None
             None: as many as the receiver's range finder keeps.
         """
-        count = sample_count or self.scene.receiver_spec.correlation_window_samples
+        kept = self.scene.receiver_spec.correlation_window_samples
+        count = kept if sample_count is None else sample_count
+        check_whole("sample_count", count, 1)
         first = round(self._centre_s / self.receiver.spec.sample_interval_s) - count // 2
         return WindowRequest(shot, self._gain_code, count, first * self.receiver.spec.sample_interval_s)
 

@@ -12,6 +12,8 @@ from zlib import crc32
 
 import numpy as np
 
+from belahil.values import check_whole
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -28,10 +30,18 @@ class Draws:
         Of the emulation or the scene; not negative.
     shot : int
         Index in the plan; not negative.
+
+    Raises
+    ------
+    RefusedInput
+        A shot that is no whole number, or negative.
     """
 
     seed: int
     shot: int
+
+    def __post_init__(self) -> None:
+        check_whole("shot", self.shot, 0)
 
     def stream(self, effect: str) -> np.random.Generator:
         """Return the generator of one effect, at its beginning.

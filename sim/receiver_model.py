@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from belahil import butterworth
-from belahil.errors import ConfigError
+from belahil.errors import ConfigError, RefusedInput
 from belahil.pole_response import SampledNoise, response
 from belahil.stimuli import NoSignal, SampledPulse, Sine
 from belahil.values import RangeWindow
@@ -144,7 +144,19 @@ class ReceiverModel:
         return self.digitized(self.at_converter(volts, request.gain_code, draws), request)
 
     def edges(self, request: WindowRequest) -> int:
-        """Return how many edges of the receiver's clock after its trigger a window begins."""
+        """Return how many edges of the receiver's clock after its trigger a window begins.
+
+        Raises
+        ------
+        RefusedInput
+            A request that no receiver could take, see `WindowRequest.check`; or a gain code that this one
+            has not.
+        """
+        request.check()
+        if request.gain_code not in self.effects:
+            codes = self.spec.gain_codes
+            allowed = f"{codes[0]} to {codes[-1]}" if codes else "None, since the receiver has no codes,"
+            raise RefusedInput(f"gain code {request.gain_code!r}: {allowed} is allowed")
         return round(request.delay_s / self.spec.sample_interval_s)
 
     def at_converter(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import msgspec
@@ -179,6 +180,11 @@ def test_a_window_of_another_shot_is_never_returned() -> None:
             "gain code 16: the receiver has gain codes 0 to 15",
         ),
         (NoSignal(), WindowRequest(0, sample_count=20000), LimitExceeded, "takes 1 to 16064"),
+        (NoSignal(), WindowRequest(0, sample_count=0), RefusedInput, "sample_count = 0: must be"),
+        (NoSignal(), WindowRequest(0, sample_count=41.5), RefusedInput, "sample_count = 41.5: must"),  # type: ignore[arg-type]
+        (NoSignal(), WindowRequest(-1), RefusedInput, "shot = -1: must be a whole number of 0 or more"),
+        (NoSignal(), WindowRequest(0, delay_s=math.nan), RefusedInput, "delay_s = nan: must be a finite"),
+        (NoSignal(), WindowRequest(0, delay_s=-math.inf), RefusedInput, "delay_s = -inf: must be a finite"),
     ],
 )
 def test_what_is_not_allowed_is_refused_before_anything_is_sent(

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -482,3 +485,40 @@ def test_the_whole_window_is_computed_only_where_somebody_asks(monkeypatch: pyte
 def test_a_stimulus_at_an_impossible_rate_is_refused(rate_hz: float) -> None:
     with pytest.raises(RefusedInput, match=r"a stimulus (at|of)"):
         Chain(BARE).stimulus(None, rate_hz)
+
+
+@pytest.mark.parametrize("shot", [-1, 1.5, "a", math.nan, [2]])
+def test_a_shot_that_is_no_number_of_one_is_refused_in_a_line(shot: object) -> None:
+    chain = Chain(DAY)
+    asked: list[Callable[[Any], object]] = [
+        chain.window, chain.shot, chain.samples, chain.stimulus, chain.echo, chain.lit, chain.candidates,
+    ]  # fmt: skip
+    for what in asked:
+        with pytest.raises(RefusedInput, match=r"^shot = .*: must be a whole number of 0 or more$"):
+            what(shot)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"delay_s": math.nan}, "delay_s = nan"),
+        ({"delay_s": math.inf}, "delay_s = inf"),
+        ({"sample_count": 0}, "sample_count = 0"),
+        ({"sample_count": 2.5}, "sample_count = 2.5"),
+        ({"gain_code": 16}, "gain code 16: 0 to 15 is allowed"),
+        ({"gain_code": None}, "gain code None: 0 to 15 is allowed"),
+    ],
+)
+def test_a_window_that_no_receiver_could_take_is_refused_in_a_line(changes: Any, said: str) -> None:
+    chain = Chain(BARE)
+    request = replace(chain.whole_window(), **changes)
+    for ask in (chain.window, chain.samples):
+        with pytest.raises(RefusedInput) as caught:
+            ask(None, request)
+        assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("count", [0, -3, 1.5, "a"])
+def test_a_correlation_window_of_no_samples_is_refused(count: Any) -> None:
+    with pytest.raises(RefusedInput, match=r"sample_count = .*: must be a whole number of 1 or more"):
+        Chain(BARE).correlation_window(0, count)
