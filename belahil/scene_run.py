@@ -36,7 +36,7 @@ class SceneRun:
     procedure : str
         Name of the procedure.
     scene : str
-        The scene as used, TOML.
+        The scene as used, TOML with comments.
     seed : int
         Of its draws.
     instruments : mapping of str to str

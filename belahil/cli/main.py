@@ -28,6 +28,7 @@ COMMANDS = (
     "rfm-parity",
     "pulse-shape",
     "simulate",
+    "scene",
     "tof-linearity",
     "accuracy",
     "bench",

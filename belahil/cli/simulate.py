@@ -42,6 +42,8 @@ def command(
 ) -> int:
     """Simulate SCENE: a TOML file, or the name of a scene that comes with the program.
 
+    `belahil scene list` says what they are, `belahil scene show` what is in one.
+
     Ready: ambient, boulder, boulder-example, cold, crater, day, fractal, gala-like, hot, night, plane,
     previous-model.
     """
@@ -57,7 +59,8 @@ def command(
     from procedures.simulate_outcome import analyse, remarks
     from sim.accuracy import Accuracy
     from sim.chain import Chain
-    from sim.scene import as_toml, load_scene
+    from sim.scene import load_scene
+    from sim.scene_text import commented
 
     loaded = load_scene(scene)
     if seed is not None:
@@ -76,7 +79,7 @@ def command(
         "detector": loaded.detector.preset,
         "receiver": loaded.receiver,
     }
-    run = SceneRun(folder, "simulate", as_toml(loaded), loaded.seed, instruments)
+    run = SceneRun(folder, "simulate", commented(loaded), loaded.seed, instruments)
     conditions = {"scene": scene, "windows": str(options.shots), "command": command_line()}
     spec = loaded.receiver_spec.digitizer
     summary = run.finish(analyse(simulation), simulation.reported, conditions, left_out(), spec)
