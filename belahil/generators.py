@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,6 +34,9 @@ from belahil.generator_models import (
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus, TransmittedPulse
 from belahil.uncertainty import PREFIXES, prefix_power
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
 __all__ = [
     "DEFAULT_MODEL",
     "FAMILIES",
@@ -44,6 +48,7 @@ __all__ = [
     "GeneratorModel",
     "GeneratorSetting",
     "TriggerSource",
+    "bandwidth_sensitivity",
     "behind_output",
     "dac_codes",
     "model_of",
@@ -261,3 +266,19 @@ def behind_output(stimulus: Stimulus, bandwidth_hz: float) -> Stimulus:
     if isinstance(stimulus, SampledPulse):
         return replace(stimulus, poles=(*stimulus.poles, complex(-2 * math.pi * bandwidth_hz)))
     return stimulus
+
+
+def bandwidth_sensitivity(frequency_hz: ArrayLike, bandwidth_hz: float) -> NDArray[np.float64]:
+    """Return by how much a relative change of `bandwidth_hz` changes a sine's amplitude, relative.
+
+    That is x^2 / (1 + x^2) with x = f / f_b.
+
+    Parameters
+    ----------
+    frequency_hz : array_like of float, shape (n,)
+        Of the sines.
+    bandwidth_hz : float
+        As in `behind_output`; ``inf`` gives 0.
+    """
+    square = (np.asarray(frequency_hz, dtype=np.float64) / bandwidth_hz) ** 2
+    return np.asarray(square / (1 + square))

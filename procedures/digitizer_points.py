@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from belahil.bench import setting_per_cut_volt
+from belahil.generators import bandwidth_sensitivity
 from belahil.stimuli import Sine
 from belahil.values import Estimate, RangeWindow, Shot
 from procedures.clipping import with_clipping
@@ -19,7 +20,7 @@ from procedures.sine_harmonics import HarmonicPlan
 from procedures.sine_quality import SineQuality, sine_quality
 
 if TYPE_CHECKING:
-    from belahil.config import BenchConfig, GeneratorUncertainty
+    from belahil.config import BenchConfig, GeneratorTable
     from procedures.digitizer import DigitizerPlan
 
 LEAST_SEEN = 10.0
@@ -126,7 +127,7 @@ class _Reader:
     def __init__(self, plan: DigitizerPlan, config: BenchConfig, clock_ppm: float) -> None:
         self._plan = plan
         self._rate_factor = 1 + clock_ppm * 1e-6
-        self._declared = config.generator.uncertainty
+        self._generator = config.generator
         self._per_cut_volt = setting_per_cut_volt(config)
         self._prepared: dict[tuple[float, float, int], tuple[SinePlan, HarmonicPlan]] = {}
 
@@ -165,7 +166,7 @@ class _Reader:
     ) -> SinePoint:
         relative = amplitude.standard_uncertainty / amplitude.value
         gain = amplitude.value / (point.amplitude_vpp / 2)
-        declared = _declared(self._declared, point, self._per_cut_volt)
+        declared = _declared(self._generator, point, self._per_cut_volt)
         level = 20 * math.log10(amplitude.value / (span_v / 2))
         return SinePoint(
             code=point.code,
@@ -190,11 +191,14 @@ def _is_seen(amplitude: Estimate | None) -> bool:
     return amplitude is not None and amplitude.value > LEAST_SEEN * amplitude.standard_uncertainty
 
 
-def _declared(declared: GeneratorUncertainty, point: SinePoint, setting_per_volt: float) -> float:
+def _declared(generator: GeneratorTable, point: SinePoint, setting_per_volt: float) -> float:
     """Return the relative standard uncertainty of a gain by all that the bench file declares."""
+    declared = generator.uncertainty
+    bandwidth = float(bandwidth_sensitivity(point.frequency_hz, generator.bandwidth_hz))
     return math.hypot(
         declared.amplitude_relative,
         declared.amplitude_v / (point.amplitude_vpp * setting_per_volt),
         declared.flatness_relative * point.frequency_hz / 40e6,
         declared.attenuation_db * math.log(10) / 20,
+        declared.bandwidth_relative * bandwidth,
     )

@@ -39,7 +39,7 @@ def outcome(plan: GainPlan, readings: WindowReadings, config: BenchConfig) -> Ou
     config : BenchConfig
         Attenuation, load and declared uncertainties.
     """
-    found = characterization(plan.codes, readings, config.generator.uncertainty, setting_per_cut_volt(config))
+    found = characterization(plan.codes, readings, config.generator, setting_per_cut_volt(config))
     return Outcome(
         results=_results(found),
         tables=tables(plan, found, readings),

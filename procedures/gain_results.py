@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from belahil.generators import bandwidth_sensitivity
 from belahil.outcome import BudgetLine
 from belahil.values import Estimate
 from procedures.butterworth_fit import ButterworthFit, FilterFits, fit_filter
@@ -16,7 +17,7 @@ from procedures.gain_amplitudes import AmplitudeRow, Linearity, amplitude_rows, 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from belahil.config import GeneratorUncertainty
+    from belahil.config import GeneratorTable
     from procedures.gain_points import Interleave, Points, WindowReadings
 
 BETWEEN_AMPLITUDES = "difference between amplitudes"
@@ -104,7 +105,7 @@ class DeclaredShift:
 
 
 def declared_shifts(
-    points: Points, declared: GeneratorUncertainty, setting_per_cut_volt: float
+    points: Points, generator: GeneratorTable, setting_per_cut_volt: float
 ) -> tuple[DeclaredShift, ...]:
     """Turn ``[generator] uncertainty`` into shifts of the gains by one standard uncertainty each.
 
@@ -112,8 +113,8 @@ def declared_shifts(
     ----------
     points : Points
         n points.
-    declared : GeneratorUncertainty
-        As in the bench file.
+    generator : GeneratorTable
+        Of the bench file: its uncertainty and its bandwidth.
     setting_per_cut_volt : float
         Generator setting for 1 V at the cut.
 
@@ -121,12 +122,14 @@ def declared_shifts(
     -----
     Each term is one error that all points share: it moves gain or cut-off and does not average out.
     """
-    everywhere = np.ones(points.gain.shape)
+    declared, everywhere = generator.uncertainty, np.ones(points.gain.shape)
+    bandwidth = bandwidth_sensitivity(points.frequency_hz, generator.bandwidth_hz)
     shifts = (
         ("amplitude_relative", declared.amplitude_relative * everywhere),
         ("amplitude_v", declared.amplitude_v / (points.played_vpp * setting_per_cut_volt)),
         ("flatness_relative", declared.flatness_relative * points.frequency_hz / 40e6),
         ("attenuation_db", declared.attenuation_db * math.log(10) / 20 * everywhere),
+        ("bandwidth_relative", declared.bandwidth_relative * bandwidth),
     )
     return tuple(
         DeclaredShift(f"[generator] uncertainty.{name}", shift)
@@ -138,7 +141,7 @@ def declared_shifts(
 def characterization(
     codes: tuple[int | None, ...],
     readings: WindowReadings,
-    declared: GeneratorUncertainty,
+    generator: GeneratorTable,
     setting_per_cut_volt: float,
 ) -> Characterization:
     """Fit every gain code and choose the best.
@@ -149,13 +152,13 @@ def characterization(
         In the order of the plan.
     readings : WindowReadings
         From `procedures.gain_points.read_windows`.
-    declared : GeneratorUncertainty
+    generator : GeneratorTable
         Of the bench file.
     setting_per_cut_volt : float
         Generator setting for 1 V at the cut.
     """
     points = readings.points
-    shifts = declared_shifts(points, declared, setting_per_cut_volt)
+    shifts = declared_shifts(points, generator, setting_per_cut_volt)
     results, budget = [], []
     for code in codes:
         result, lines = _code_result(code, readings, shifts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from belahil.generators import FAMILIES, MODELS
@@ -42,13 +43,18 @@ def catalogue() -> str:
     return "\n".join(lines)
 
 
+def _output(bandwidth_hz: float) -> str:
+    return "" if math.isinf(bandwidth_hz) else f", output of {bandwidth_hz / 1e6:g} MHz"
+
+
 def described(config: BenchConfig) -> str:
     """Say what one bench is."""
     generator, digitizer = config.generator, config.digitizer
     lines = [
         f"{config.source} bench",
         f"generator: {generator.driver} at {generator.address}, set to {generator.load_ohm:g} ohm, "
-        f"{generator.attenuation_db:g} dB to the cut, at most {generator.max_vpp:g} Vpp there",
+        f"{generator.attenuation_db:g} dB to the cut, at most {generator.max_vpp:g} Vpp there"
+        + _output(generator.bandwidth_hz),
         f"digitizer: {digitizer.driver} at {digitizer.link}, {digitizer.input_ohm:g} ohm",
         f"receiver: {_known_of(config)}",
         f"trigger: {config.bench.trigger}",
