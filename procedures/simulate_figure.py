@@ -111,7 +111,10 @@ def _volts(axes: Axes, simulation: Simulation) -> None:
             label=f"samples, {case.name}",
         )
         if case.fit.pulse is not None:
-            since_s = simulation.times_s - case.times_s[0]
+            receiver = simulation.chain.receiver
+            # A fit counts in nominal intervals, the axis in true time.
+            nominal = receiver.spec.sample_interval_s / receiver.grid.interval_s
+            since_s = (simulation.times_s - case.times_s[0]) * nominal
             axes.plot(times_ns, 1e3 * case.fit.pulse.at(since_s), "--", color=colour, lw=1.1)
     axes.axhline(0, color="0.8", lw=0.6, zorder=0)
     begin_ns, end_ns = _where_loud(times_ns, [curves["amplified"]], 1e-2)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from procedures.simulate import Fitted, Simulation
+    from sim.chain import Chain
 
 _BESIDE = 0.01
 """Of the beam, beyond what the plan cuts off its edge at any sensible tolerance."""
@@ -30,7 +31,8 @@ def analyse(simulation: Simulation) -> Outcome:
             "detected: shots with a candidate of the range finder within 10 m of the echo; fitted: shots "
             "with a Gaussian in the samples round the place where the echo is expected.",
             "arrivals count from the gate, the time of flight to the plane z = 0 at nadir, and have the "
-            "delay of the receiver's filter.",
+            "delay of the receiver's filter; they and the widths are in true time, whatever error the "
+            "receiver's clock has.",
             *remarks(simulation),
         ],
     )
@@ -73,7 +75,7 @@ def _results(simulation: Simulation) -> dict[str, Any]:
             "peak_at_converter_v": float(curves["amplified"].max()),
         },
         "cases": [
-            {"case": case.name, "noise_rms_v": case.noise_rms_v, **_of_fit(case.fit, case.times_s[0])}
+            {"case": case.name, "noise_rms_v": case.noise_rms_v, **_of_fit(chain, case.fit, case.times_s[0])}
             for case in simulation.cases
         ],
         "shots": _of_shots(simulation),
@@ -84,11 +86,13 @@ def _results(simulation: Simulation) -> dict[str, Any]:
     }
 
 
-def _of_fit(fit: Fitted, first_s: float) -> dict[str, Any]:
-    pulse = fit.pulse
+def _of_fit(chain: Chain, fit: Fitted, first_s: float) -> dict[str, Any]:
+    pulse, receiver = fit.pulse, chain.receiver
+    # A fit counts in nominal intervals, as the receiver does.
+    true = receiver.grid.interval_s / receiver.spec.sample_interval_s
     return {
-        "arrival_s": None if pulse is None else float(first_s) + pulse.arrival_s,
-        "fwhm_s": None if pulse is None else pulse.fwhm_s,
+        "arrival_s": None if pulse is None else float(first_s) + true * pulse.arrival_s,
+        "fwhm_s": None if pulse is None else true * pulse.fwhm_s,
         "amplitude_v": None if pulse is None else pulse.amplitude_v,
         "status": fit.status,
     }
@@ -97,7 +101,7 @@ def _of_fit(fit: Fitted, first_s: float) -> dict[str, Any]:
 def _arrivals(simulation: Simulation) -> list[dict[str, Any]]:
     chain = simulation.chain
     return [
-        _of_fit(fit, chain.first_sample_s(index, chain.correlation_window(index)))
+        _of_fit(chain, fit, chain.first_sample_s(index, chain.correlation_window(index)))
         for index, fit in enumerate(simulation.fits)
     ]
 

@@ -16,6 +16,7 @@ import pytest
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from belahil.outcome import STATUSES
+from belahil.pulse_fit import gaussian_fit
 from belahil.report import remake
 from procedures.simulate import SimulateOptions, simulate
 from procedures.simulate_outcome import analyse, remarks
@@ -357,3 +358,27 @@ def test_a_real_terrain_model_runs_from_end_to_end(tmp_path: Path) -> None:
     assert results["echo"]["photons"] == pytest.approx(1300, rel=0.01)
     assert 0 < results["predicted_error"] <= 1e-4
     assert 0 < results["terrain_posts_error"] < 0.01
+
+
+@pytest.mark.parametrize("clock_ppm", [-250.0, 0.0, 250.0])
+def test_arrivals_and_widths_are_in_true_time_whatever_the_clock_of_the_receiver_does(
+    clock_ppm: float,
+) -> None:
+    # Given a receiver whose clock is wrong by as much as is allowed
+    scene = parse_scene(f"seed = 3\n[electronics]\nclock_ppm = {clock_ppm}\n")
+    # When a few shots are simulated
+    done = simulate(scene, SimulateOptions(tolerance=1e-3, shots=3))
+    results = analyse(done).results
+    # Then arrivals and widths are those of Gaussians fitted to the samples at their true times
+    for case, told in zip(done.cases, results["cases"], strict=True):
+        fit = gaussian_fit(case.volts, float(case.times_s[1] - case.times_s[0]))
+        assert fit.pulse is not None
+        assert told["arrival_s"] == pytest.approx(case.times_s[0] + fit.pulse.arrival_s, abs=1e-13)
+        assert told["fwhm_s"] == pytest.approx(fit.pulse.fwhm_s, abs=1e-13)
+    request, chain = done.chain.correlation_window(), done.chain
+    first, step_s, expected = chain.receiver.edges(request), chain.receiver.grid.interval_s, []
+    for index, shot in enumerate(done.shots):
+        fit = gaussian_fit(shot.window.volts[first : first + request.sample_count], step_s)
+        assert fit.pulse is not None
+        expected.append(chain.first_sample_s(index, request) + fit.pulse.arrival_s)
+    assert results["shots"]["arrival"]["value"] == pytest.approx(np.mean(expected), abs=1e-13)
