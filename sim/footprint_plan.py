@@ -175,9 +175,13 @@ def _bins(kernel: Kernel, allowed: float, interval_s: float) -> tuple[float, flo
     too_few, parts, error = 0, 1, deposit_error(kernel, interval_s)
     while error > allowed:
         if parts == _MOST_BINS_PER_SAMPLE:
+            why = "the pulse jumps or bends, and nothing behind it smooths it"
+            if kernel.pulse.pieces:
+                behind = "and the filter behind it change" if kernel.poles else "behind no filter changes"
+                why = f"the pulse {behind} within {kernel.finest_s:.2g} s, which is too fast for them"
             raise RefusedInput(
                 f"time bins of {interval_s / _MOST_BINS_PER_SAMPLE:.2g} s leave a predicted error of "
-                f"{error:.2g}, beyond {allowed:g}: the pulse jumps or bends, and nothing behind it smooths it"
+                f"{error:.2g}, beyond {allowed:g}: {why}"
             )
         # The fourth power of a smooth kernel; where the pulse bends the error falls only with the first.
         more = max(parts + 1, math.ceil(parts * max(1.25, 0.9 * (error / allowed) ** 0.25)))

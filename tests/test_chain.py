@@ -522,3 +522,26 @@ def test_a_window_that_no_receiver_could_take_is_refused_in_a_line(changes: Any,
 def test_a_correlation_window_of_no_samples_is_refused(count: Any) -> None:
     with pytest.raises(RefusedInput, match=r"sample_count = .*: must be a whole number of 1 or more"):
         Chain(BARE).correlation_window(0, count)
+
+
+@pytest.mark.parametrize(("fwhm_s", "sigma"), [(1e-12, "4.2e-13"), (1e-11, "4.2e-12"), (1e-10, "4.2e-11")])
+@pytest.mark.parametrize("pulse", ["gaussian", "tailed"])
+def test_light_too_short_for_time_bins_is_refused_as_short_and_its_samples_are_served(
+    pulse: str, fwhm_s: float, sigma: str
+) -> None:
+    # Given a smooth pulse far shorter than a sample interval
+    scene = with_(BARE, laser={"pulse": pulse, "fwhm_s": fwhm_s}, surface={"kind": "boulder"})
+    chain = Chain(scene, Accuracy(1e-4))
+    # When its light without any filter is asked for, and its samples behind the receiver
+    if fwhm_s < 1e-10:
+        with pytest.raises(RefusedInput) as caught:
+            chain.stimulus()
+        # Then the words name its speed, not an edge that it has not
+        assert f"the pulse behind no filter changes within {sigma} s, which is too fast" in str(caught.value)
+        assert "bends" not in str(caught.value)
+    volts = chain.samples().volts
+    # And these have the area of the light
+    whole = chain.samples(None, chain.whole_window()).volts.sum() * chain.receiver.grid.interval_s
+    due = chain.kernel.gain * chain.scene.gain * chain.lit().delays.total
+    assert whole == pytest.approx(due, rel=2e-4)
+    assert volts.max() > 0
