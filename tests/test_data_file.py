@@ -32,6 +32,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, xarray.Dataset]:
     for name, words in (
         ("characterize", SWEEP),
         ("noise", ["--codes", "4,5"]),
+        ("tx-delay", ["--shots", "20"]),
         ("digitizer", ["--codes", "4,5", "--records", "2"]),
         ("arrival-time", ["--widths", "8", "--pulse-windows", "5", "--terrain", "fractal"]),
         ("rfm-parity", ["--shots", "20", "--samples", "2000", "--model-windows", "100"]),
@@ -48,7 +49,9 @@ def told(heading: str) -> list[tuple[str, ...]]:
     return sorted((row[0].strip("`"), row[1].strip(), row[2].strip(), row[3]) for row in rows)
 
 
-@pytest.mark.parametrize("name", ["characterize", "noise", "digitizer", "arrival-time", "rfm-parity"])
+@pytest.mark.parametrize(
+    "name", ["characterize", "noise", "tx-delay", "digitizer", "arrival-time", "rfm-parity"]
+)
 def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: str) -> None:
     written = sorted(
         (
@@ -109,7 +112,7 @@ def keys(results: dict[str, Any]) -> set[str]:
     return named.union(*(keys(one) for one in inner if isinstance(one, dict)))
 
 
-@pytest.mark.parametrize("name", ["characterize", "noise", "digitizer"])
+@pytest.mark.parametrize("name", ["characterize", "noise", "tx-delay", "digitizer"])
 def test_the_contract_names_every_key_of_the_results(runs: dict[str, xarray.Dataset], name: str) -> None:
     text = (DOCS / "architecture.md").read_text(encoding="utf-8")
     contract = text.partition(f"`{name}` fills `results` with")[2].partition("A verdict is given only")[0]

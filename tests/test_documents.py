@@ -73,7 +73,7 @@ def test_a_command_of_the_readme_is_understood(words: list[str]) -> None:
     assert parsed.args == []
 
 
-@pytest.mark.parametrize("name", ["characterize", "noise", "rfm-parity"])
+@pytest.mark.parametrize("name", ["characterize", "noise", "tx-delay", "rfm-parity"])
 def test_the_options_of_the_architecture_are_those_of_the_command(name: str) -> None:
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `--")]

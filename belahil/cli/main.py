@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 COMMANDS = (
     "characterize",
     "noise",
+    "tx-delay",
     "digitizer",
     "arrival-time",
     "energy-calibration",

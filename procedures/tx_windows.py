@@ -1,0 +1,270 @@
+"""The windows of a transmitted pulse, made ready for the likelihood: checked, centred, cut to segments.
+
+What of a window tells of the pulse is the stretch round it. The samples before it tell the baseline of each
+converter and the noise. A window in which no pulse stands out, or that is clipped, is left out and counted.
+
+What this does not model: a baseline that moves within the windows, and interference that is locked to the
+shot.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from belahil.pulse_bound import filtered_noise_covariance
+from belahil.stimuli import TransmittedPulse
+from procedures.clipping import with_clipping
+from procedures.tx_likelihood import PHASES, Baseline, PulseLikelihood, SegmentGrid, whitener
+from procedures.tx_response import CutResponses
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from belahil.values import RangeWindow, Shot
+    from procedures.known_receiver import KnownReceiver
+    from procedures.tx_pulse import OpticalPulse
+
+STANDS_OUT = 7.0
+"""A pulse is there where the matched filter is so many standard deviations above its noise: by chance once in
+1e9 windows of 400 samples."""
+
+_ENDED = 1e-4
+"""Of its peak, below which the response to the whole pulse is left out of a segment."""
+_LONGEST_S = 1.6e-6
+_EARLY = 4
+"""Samples before the pulse begins that belong to its segment."""
+_LATE = 12
+"""Samples after its end that belong to it: they show the undershoot of an AC coupling."""
+_FEWEST_QUIET = 64
+_TYPICAL = 0.2
+"""Threshold of the shape that pulses are looked for with: any shape finds them."""
+_SAME_INTERVAL = 1e-6
+_CORRELATED = 32
+
+
+@dataclass(frozen=True, eq=False)
+class PulseWindows:
+    """Windows that hold a pulse.
+
+    Parameters
+    ----------
+    status : str
+        ``ok``, or why there is nothing to analyse: ``no_pulse``, ``saturated``, ``equal_windows``,
+        ``mixed_gain_codes``, ``other_receiver``, ``too_few_samples``, ``noise_not_known``.
+    gain_code : int or None
+        Of all of them.
+    counted : dict of str to int
+        Windows in all (`windows`), used (`used`), and left out: `clipped`, `without_pulse`, `too_short`.
+    shots : ndarray of int64, shape (n,)
+        Index of the shot of each segment.
+    segments_v : ndarray of float64, shape (n, count)
+        Samples round each pulse, V at the converter, baseline and mismatch of the converters taken out.
+    first : ndarray of int64, shape (n,)
+        Sample of its window with which each segment begins.
+    grid : SegmentGrid or None
+        Of the segments.
+    noise_rms_v, noise_rms_u_v, white_rms_v : float
+        Analog noise, its standard uncertainty, and quantization; V at the converter.
+    baseline_v : tuple of float
+        Of each converter, V.
+    """
+
+    status: str
+    gain_code: int | None
+    counted: dict[str, int]
+    shots: NDArray[np.int64]
+    segments_v: NDArray[np.float64]
+    first: NDArray[np.int64]
+    grid: SegmentGrid | None = None
+    noise_rms_v: float = 0.0
+    noise_rms_u_v: float = 0.0
+    white_rms_v: float = 0.0
+    baseline_v: tuple[float, ...] = ()
+
+    def likelihood(self, receiver: KnownReceiver, baseline: Baseline) -> PulseLikelihood:
+        """Whiten the segments; see `procedures.tx_likelihood`."""
+        assert self.grid is not None
+        taken = whitener(receiver, self.grid.count, self.noise_rms_v, self.white_rms_v, baseline)
+        skew = receiver.interleave_skew
+        return PulseLikelihood(
+            self.grid,
+            taken,
+            self.segments_v @ taken.T,
+            self.first % 2 == 1,
+            0.0 if skew is None else skew.value,
+        )
+
+
+def segment_grid(pulse: OpticalPulse, receiver: KnownReceiver) -> SegmentGrid:
+    """Return how many samples round the arrival hold all of a pulse behind a receiver's low-pass.
+
+    Parameters
+    ----------
+    pulse : OpticalPulse
+        Before any cut.
+    receiver : KnownReceiver
+        A high-pass, whose undershoot lasts for microseconds, does not lengthen the segment.
+    """
+    interval_s = receiver.true_interval_s
+    begins_s = pulse.above(_ENDED)[0][0]
+    times_s = np.arange(0.0, _LONGEST_S, interval_s / 2)
+    fast = tuple(sorted(receiver.poles, key=abs)[receiver.zeros :])
+    response = np.abs(CutResponses(pulse, fast, 0, times_s).exact(0.0))
+    ends_s = times_s[np.flatnonzero(response > _ENDED * response.max())[-1]]
+    before = _EARLY + math.ceil(-begins_s / interval_s)
+    return SegmentGrid(interval_s, before, before + math.ceil(ends_s / interval_s) + _LATE)
+
+
+def read_pulses(
+    shots: Iterable[Shot], bits: int, interval_s: float, receiver: KnownReceiver, pulse: OpticalPulse
+) -> PulseWindows:
+    """Find the transmitted pulse in every window of it.
+
+    Parameters
+    ----------
+    shots : iterable of Shot
+        Those of other stimuli are passed over.
+    bits : int
+        Resolution of the converters that digitized.
+    interval_s : float
+        Nominal time between their samples, s.
+    receiver : KnownReceiver
+        What is assumed of them.
+    pulse : OpticalPulse
+        Before the cut.
+    """
+    ones = [with_clipping(shot, bits).window for shot in shots if isinstance(shot.played, TransmittedPulse)]
+    clear = [one for one in ones if not one.saturated and one.counts.size]
+    counted = {"windows": len(ones), "used": 0, "clipped": sum(one.saturated > 0 for one in ones)}
+    counted |= {"without_pulse": 0, "too_short": 0}
+    code = ones[0].gain_code if ones else None
+    status = _misfits(ones, clear, bits, interval_s, receiver)
+    if status:
+        return _none(status, code, counted)
+    grid = segment_grid(pulse, receiver)
+    long_enough = [one for one in clear if one.counts.size >= grid.count]
+    counted["too_short"] = len(clear) - len(long_enough)
+    responses = CutResponses(pulse, receiver.poles, receiver.zeros, grid.times_s)
+    located = [(one, _located(one, responses, grid)) for one in long_enough]
+    kept = [(one, first) for one, first in located if first is not None]
+    counted["without_pulse"] = len(located) - len(kept)
+    counted["used"] = len(kept)
+    if 2 * counted["too_short"] > len(ones):
+        return _none("too_few_samples", code, counted)
+    if 2 * len(kept) < len(ones):
+        return _none("no_pulse", code, counted)
+    return _segments(kept, counted, grid, receiver)
+
+
+def _none(status: str, code: int | None, counted: dict[str, int]) -> PulseWindows:
+    nothing = np.zeros(0, np.int64)
+    return PulseWindows(status, code, counted, nothing, np.zeros((0, 0)), nothing)
+
+
+def _misfits(
+    ones: Sequence[RangeWindow],
+    clear: Sequence[RangeWindow],
+    bits: int,
+    interval_s: float,
+    receiver: KnownReceiver,
+) -> str:
+    """Say why windows cannot be analysed together, or with this receiver; nothing where they can."""
+    if not ones:
+        return "no_pulse"
+    if len({one.gain_code for one in ones}) > 1:
+        return "mixed_gain_codes"
+    known = {one.code for one in receiver.codes}
+    same = abs(interval_s / receiver.sample_interval_s - 1) < _SAME_INTERVAL and bits == receiver.bits
+    if not same or ones[0].gain_code not in known or len({one.volts_per_count for one in ones}) > 1:
+        return "other_receiver"
+    if 2 * len(clear) < len(ones) or not clear:
+        return "saturated"
+    if len(clear) > 1 and all(np.array_equal(one.counts, clear[0].counts) for one in clear[1:]):
+        return "equal_windows"
+    return ""
+
+
+def _located(window: RangeWindow, responses: CutResponses, grid: SegmentGrid) -> int | None:
+    """Sample with which the segment of a window's pulse begins, None where no pulse stands out."""
+    response = responses.exact(_TYPICAL)
+    shapes = response[grid.places[PHASES : 2 * PHASES : PHASES // 2]]
+    shapes = shapes - shapes.mean(axis=1, keepdims=True)
+    shapes /= np.linalg.norm(shapes, axis=1, keepdims=True)
+    scores = np.stack([np.correlate(window.volts, shape, "valid") for shape in shapes])
+    best = int(scores.max(axis=0).argmax())
+    # Scores away from the pulse tell their own noise, colour included; they are most of any window.
+    noise = 1.4826 * float(np.median(np.abs(scores - np.median(scores))))
+    return best if scores[:, best].max() > STANDS_OUT * max(noise, _quantization_v(window)) else None
+
+
+def _segments(
+    kept: list[tuple[RangeWindow, int]], counted: dict[str, int], grid: SegmentGrid, receiver: KnownReceiver
+) -> PulseWindows:
+    converters, code = receiver.converters, kept[0][0].gain_code
+    volts = [one.volts for one, _ in kept]
+    firsts = np.array([first for _, first in kept])
+    quiet = [one[: first + _EARLY - 1] for one, first in zip(volts, firsts, strict=True)]
+    baseline_v = _baseline(quiet, converters)
+    order = [np.arange(one.size) % converters for one in volts]
+    left = np.concatenate(
+        [one - baseline_v[turn[: one.size]] for one, turn in zip(quiet, order, strict=True)]
+    )
+    white_v = _quantization_v(kept[0][0])
+    noise_rms_v = math.sqrt(max(float(np.mean(left**2)) - white_v**2, 0.0)) if left.size else 0.0
+    spread_v = noise_rms_v / math.sqrt(2 * _independent(left.size, receiver))
+    if left.size < _FEWEST_QUIET:
+        known = receiver.at(code).noise_rms
+        if known is None:
+            return _none("noise_not_known", code, counted)
+        noise_rms_v, spread_v = known.value, known.standard_uncertainty
+    gain = np.ones(converters)
+    if receiver.interleave_gain is not None and converters == 2:
+        gain = 1 + np.array([0.5, -0.5]) * receiver.interleave_gain.value
+    segments = np.stack(
+        [
+            ((one - baseline_v[turn]) / gain[turn])[first : first + grid.count]
+            for one, first, turn in zip(volts, firsts, order, strict=True)
+        ]
+    )
+    firsts = np.array([first for _, first in kept])
+    return PulseWindows(
+        status="ok",
+        gain_code=code,
+        counted=counted,
+        shots=np.array([one.shot for one, _ in kept]),
+        segments_v=segments,
+        first=firsts,
+        grid=grid,
+        noise_rms_v=noise_rms_v,
+        noise_rms_u_v=spread_v,
+        white_rms_v=white_v,
+        baseline_v=tuple(baseline_v.tolist()),
+    )
+
+
+def _baseline(quiet: list[NDArray[np.float64]], converters: int) -> NDArray[np.float64]:
+    """Mean of the samples before the pulse, for each converter; 0 where there are too few of them."""
+    found = np.zeros(converters)
+    for turn in range(converters):
+        own = np.concatenate([one[turn::converters] for one in quiet])
+        if own.size >= _FEWEST_QUIET // converters:
+            found[turn] = own.mean()
+    return found
+
+
+def _quantization_v(window: RangeWindow) -> float:
+    return window.volts_per_count / math.sqrt(12)
+
+
+def _independent(samples: int, receiver: KnownReceiver) -> float:
+    """Number of independent samples that tell a variance as well; at least one."""
+    row = filtered_noise_covariance(
+        receiver.poles, receiver.zeros, receiver.true_interval_s, _CORRELATED, 1.0
+    )[0]
+    return max(samples / float(1 + 2 * np.sum(row[1:] ** 2)), 1.0)
