@@ -32,7 +32,7 @@ from belahil.generator_models import (
     per_50_ohm,
 )
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus, TransmittedPulse
-from belahil.uncertainty import PREFIXES, prefix_power
+from belahil.uncertainty import sized
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -138,8 +138,7 @@ def _sine_setting(sine: Sine, model: GeneratorModel, load_ohm: float) -> Generat
 
 
 def _hertz(frequency_hz: float) -> str:
-    power = prefix_power(frequency_hz, "Hz")
-    return f"{frequency_hz / 10.0**power:.10g} {PREFIXES[power]}Hz"
+    return sized(frequency_hz, "Hz", 10)
 
 
 def _check_volts(amplitude_vpp: float, offset_v: float, model: GeneratorModel, load_ohm: float) -> None:

@@ -72,6 +72,25 @@ def prefix_power(size: float, unit: str) -> int:
     return min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), min(PREFIXES)), max(PREFIXES))
 
 
+def sized(value: float, unit: str, digits: int = 6) -> str:
+    """Write a number without uncertainty to so many figures, three or more, with the prefix of its size.
+
+    Far beyond the prefixes there are, femto to giga, it has none and an exponent.
+
+    Examples
+    --------
+    >>> sized(19e6, "Hz"), sized(-0.83e-3, "V", 3), sized(0.99996, "V", 4)
+    ('19 MHz', '-830 µV', '1 V')
+    >>> sized(0.0, "V"), sized(0.24e-15, "J"), sized(2e-20, "J"), sized(4e13, "Hz")
+    ('0 V', '0.24 fJ', '2e-20 J', '4e+13 Hz')
+    """
+    # Rounded first: it may carry into the next prefix.
+    rounded = float(f"{value:.{digits}g}")
+    within = 10.0 ** (min(PREFIXES) - 3) <= abs(rounded) < 10.0 ** (max(PREFIXES) + 3)
+    power = prefix_power(rounded, unit) if within else 0
+    return f"{rounded / 10.0**power:.{digits}g} {PREFIXES[power]}{unit}"
+
+
 def written(value: float, standard_uncertainty: float, power: int = 0) -> str:
     """Write a result with its standard uncertainty in parentheses (7.2.2), to two figures of it (7.2.6).
 

@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from belahil.errors import RefusedInput
+from belahil.uncertainty import sized
 
 DISTANCE_BINS = 3
 """Least distance, in bins of f_s / N, from every multiple of f_s / 4 and from low harmonics and images."""
@@ -85,7 +86,8 @@ def default_frequencies(
     lowest = sample_rate_hz / 800
     if count < 3 or max_sine_hz <= lowest:
         raise RefusedInput(
-            f"{count} frequencies up to {max_sine_hz:g} Hz: at least 3, and a generator above {lowest:g} Hz"
+            f"{count} frequencies up to {sized(max_sine_hz, 'Hz')}: at least 3, "
+            f"and a generator above {sized(lowest, 'Hz')}"
         )
     beyond = count // 6 if max_sine_hz >= 0.725 * sample_rate_hz else 0
     top = min(0.475 * sample_rate_hz, max_sine_hz)
@@ -111,8 +113,8 @@ def _nearest(
         if cycles not in taken and _is_good(cycles, sample_count):
             return cycles
     raise RefusedInput(
-        f"no coherent frequency near {wanted_hz:g} Hz: {sample_count} samples at {sample_rate_hz:g} Hz "
-        "are too few"
+        f"no coherent frequency near {sized(wanted_hz, 'Hz')}: "
+        f"{sample_count} samples at {sized(sample_rate_hz, 'Hz')} are too few"
     )
 
 

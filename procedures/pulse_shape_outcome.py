@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from belahil.outcome import BudgetLine, Outcome
+from belahil.uncertainty import sized
 from belahil.values import Estimate
 from belahil.verdict import Check, decide
 from procedures.pulse_shape_plan import trigger_late_s
@@ -193,7 +194,7 @@ def _notes(plan: PulseShapePlan, found: Compared, config: BenchConfig) -> Iterat
         yield "Echoes with status echo_too_faint need less than the generator's smallest amplitude."
     late_s = trigger_late_s(config)
     if late_s:
-        yield f"The receiver's trigger comes {late_s:g} s after the pulse's, as the bench file has it."
+        yield f"The receiver's trigger comes {sized(late_s, 's')} after the pulse's: the bench file says so."
     yield (
         "Not modelled: noise that differs between silent and played windows; a gain that depends on "
         "amplitude; the frequency response of attenuator and cables; jitter of the generator within a pulse."

@@ -20,6 +20,7 @@ import numpy as np
 
 from belahil.errors import LimitExceeded, RefusedInput
 from belahil.pole_response import response
+from belahil.uncertainty import sized
 from belahil.values import Products, WindowRequest
 from procedures.candidate_parity import Tolerances
 from procedures.gaussian_pulses import TrainPulse, earliest_centre_s, gaussian_train
@@ -322,6 +323,6 @@ def _check_length(plan: ParityPlan, window_s: float) -> None:
         needed_s = end_s - window_s + _BEHIND_S
         if needed_s > lasts_s:
             raise LimitExceeded(
-                f"windows of {plan.sample_count} samples last {lasts_s:.4g} s: marker and echo of "
-                f"{one.fwhm_s:.4g} s take {needed_s:.4g} s"
+                f"windows of {plan.sample_count} samples last {sized(lasts_s, 's', 4)}: marker and echo of "
+                f"{sized(one.fwhm_s, 's', 4)} take {sized(needed_s, 's', 4)}"
             )

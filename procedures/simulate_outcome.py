@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from belahil.outcome import Outcome, Table
+from belahil.uncertainty import sized
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,8 +53,8 @@ def remarks(simulation: Simulation) -> list[str]:
         peak_v = float(simulation.curves["amplified"].max())
         said.append(
             f"{clipped} of {len(shots)} windows have samples beyond the converter's span of "
-            f"{chain.receiver.quantizer.full_scale_v:g} V: "
-            f"noise {chain.noise_rms_v:.2g} V rms, echo {peak_v:.2g} V"
+            f"{sized(chain.receiver.quantizer.full_scale_v, 'V')}: "
+            f"noise {sized(chain.noise_rms_v, 'V', 3)} rms, echo {sized(peak_v, 'V', 3)}"
         )
     return said
 

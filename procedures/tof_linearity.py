@@ -24,6 +24,7 @@ from belahil.errors import LimitExceeded, RefusedInput
 from belahil.outcome import Outcome
 from belahil.receiver import receiver_preset
 from belahil.stimuli import SampledPulse
+from belahil.uncertainty import sized
 from belahil.values import Shot, WindowRequest
 from procedures.gaussian_pulses import TrainPulse, earliest_centre_s, gaussian_train
 from procedures.known_receiver import KnownReceiver, preset_receiver
@@ -163,7 +164,7 @@ def plan(bench: Bench, options: TofOptions) -> TofPlan:
     longest_s = min(LONGEST_S, window_s - lead_s - _AFTER_S)
     if longest_s < 2 * SHORTEST_S:
         raise LimitExceeded(
-            f"the receiver's longest window lasts {window_s:.4g} s: "
+            f"the receiver's longest window lasts {sized(window_s, 's', 4)}: "
             f"{lead_s + _AFTER_S + 2 * SHORTEST_S:.4g} s are needed for two pulses"
         )
     planned: list[PlannedShot] = []

@@ -20,6 +20,7 @@ import numpy as np
 from belahil.errors import RefusedInput
 from belahil.pole_modes import modes, ordered_poles
 from belahil.pole_response import SampledNoise, autocovariance
+from belahil.uncertainty import sized
 from sim.light_noise import shot_noise_density, white_step_rms_v
 from sim.reference import polyphase
 
@@ -207,8 +208,8 @@ def fewest_steps(light: Kernel, passed: Filter, interval_s: float) -> int:
     steps = math.ceil(interval_s / longest_s)
     if steps > _REFUSED_STEPS:
         raise RefusedInput(
-            f"shot noise in steps of {longest_s:.2g} s, as the pulse or the filter need it: {steps} in a "
-            f"sample interval, at most {_REFUSED_STEPS} are allowed"
+            f"shot noise in steps of {sized(longest_s, 's', 3)}, as the pulse or the filter need it: {steps} "
+            f"in a sample interval, at most {_REFUSED_STEPS} are allowed"
         )
     return max(_FEWEST_STEPS, steps)
 

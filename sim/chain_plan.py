@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from belahil.uncertainty import sized
 from sim.chain_light import lasting_s
 from sim.chain_noise import ShotNoise
 
@@ -58,7 +59,7 @@ def _costs(chain: Chain) -> Iterator[str]:
             f"  footprint: {plan.pixels} pixels, {plan.pixel_m:.3g} m apart within {plan.radius_m:.3g} m"
             + ("; for each shot, since the beam moves" if again else "; once for all shots")
         )
-        yield f"  echo: {bins} time bins of {plan.bin_s:.3g} s for each of {samples} samples"
+        yield f"  echo: {bins} time bins of {sized(plan.bin_s, 's', 3)} for each of {samples} samples"
     else:
         yield f"  echo: closed form at {samples} samples"
     for noise in chain.light_noise:

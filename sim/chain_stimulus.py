@@ -10,6 +10,7 @@ import numpy as np
 
 from belahil.errors import RefusedInput
 from belahil.stimuli import NoSignal, SampledPulse
+from belahil.uncertainty import sized
 from sim.chain_light import span_s
 from sim.chain_noise import StationaryNoise
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
@@ -50,7 +51,7 @@ def stimulus(chain: Chain, shot: int | None, sample_rate_hz: float | None) -> Sa
     count = math.ceil((end_s - begin_s) * rate_hz) + 1
     if count > _MOST_POINTS:
         raise RefusedInput(
-            f"a stimulus of {count} points at {rate_hz:.3g} Hz: at most {_MOST_POINTS} are allowed"
+            f"a stimulus of {count} points at {sized(rate_hz, 'Hz', 3)}: at most {_MOST_POINTS} are allowed"
         )
     volts = chain.echo(shot).photon_rate_hz(begin_s - chain.gate_s, 1 / rate_hz, count)
     volts *= volts_per_photon_rate(chain.scene.detector)

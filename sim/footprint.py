@@ -19,6 +19,7 @@ import numpy as np
 from msgspec import structs
 
 from belahil.errors import RefusedInput
+from belahil.uncertainty import sized
 from sim.beam import beam_image, beam_sigma_m, beam_weights
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.footprint_plan import FootprintPlan, plan_footprint
@@ -256,7 +257,8 @@ def _deposited(
     count = math.floor(places.max()) - first + 3
     if count > _MOST_BINS:
         raise RefusedInput(
-            f"delays over {count} bins of {bin_s:.3g} s: at most {_MOST_BINS} are allowed; is a height wrong?"
+            f"delays over {count} bins of {sized(bin_s, 's', 3)}: "
+            f"at most {_MOST_BINS} are allowed; is a height wrong?"
         )
     put = lag4_deposit if deposit == "lag4" else cic_deposit
     return DelayHistogram(align_s + first * bin_s, bin_s, put(places - first, weights, count), total, lit)

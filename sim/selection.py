@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from belahil.uncertainty import sized
 from sim.beam import beam_sigma_m
 
 if TYPE_CHECKING:
@@ -108,7 +109,11 @@ def _in_receiver(scene: Scene) -> Iterator[Stage]:
             "Gaussian low-pass", "receiver", f"tia_bandwidth_hz = {scene.detector.tia_bandwidth_hz:g}"
         )
     else:
-        yield Stage("low-pass", "receiver", f"Butterworth of order {truth.order} at {truth.cutoff_hz:g} Hz")
+        yield Stage(
+            "low-pass",
+            "receiver",
+            f"Butterworth of order {truth.order} at {sized(truth.cutoff_hz, 'Hz')}",
+        )
         if truth.highpass_hz:
             yield Stage("high-pass", "receiver", f"electronics.highpass_hz = {truth.highpass_hz:g}")
     small = truth.small_signal
@@ -137,7 +142,7 @@ def _in_converter(scene: Scene) -> Iterator[Stage]:
     yield Stage(
         "quantization",
         "converter",
-        f"{truth.adc_bits} bits over {truth.adc_full_scale_v:g} V",
+        f"{truth.adc_bits} bits over {sized(truth.adc_full_scale_v, 'V')}",
         "sampling_phase",
     )
 

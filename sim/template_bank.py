@@ -15,6 +15,7 @@ import numpy as np
 
 from belahil.errors import RefusedInput
 from belahil.pulse_fit import CURVATURE
+from belahil.uncertainty import sized
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,7 +99,7 @@ class TemplateBank:
         if not least_s <= self.narrowest_s < self.widest_s <= most_s:
             raise RefusedInput(
                 f"templates from {self.narrowest_s!r} to {self.widest_s!r} s: rising widths from "
-                f"{least_s:.3g} s to {most_s:.3g} s are allowed"
+                f"{sized(least_s, 's', 3)} to {sized(most_s, 's', 3)} are allowed"
             )
 
     @cached_property

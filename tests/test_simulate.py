@@ -117,10 +117,31 @@ def test_explanation_and_numbers_are_printed(tmp_path: Path, capsys: pytest.Capt
         "predicted error",
         "cost of a shot",
         "photons",
-        "noise-free: noise 0 mV",
+        "noise-free: noise 0 V",
         "report:",
     ):
         assert words in told
+
+
+@pytest.mark.parametrize(
+    "text", ["", "altitude_m = 1000.0\n", "altitude_m = 3e6\n[electronics]\ncutoff_hz = 4e6\n"]
+)
+def test_numbers_on_the_terminal_have_the_prefix_of_their_size(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Given echoes from far below a millivolt to kilovolts
+    (tmp_path / "mine.toml").write_text(text + "[noise]\ndark_rms_v = 0.83e-3\n")
+    arguments = ["simulate", str(tmp_path / "mine.toml"), "--shots", "3", "--out", str(tmp_path / "run")]
+    assert main(arguments) == 0
+    # Then no number with a unit has an exponent or four digits before its point
+    said = capsys.readouterr().out
+    sized_numbers = re.findall(r"(?<![\w.])-?([0-9.]+(?:e[+-]?\d+)?) ([fpnµmkMG]?(?:Hz|V|J|s))\b", said)
+    assert len(sized_numbers) > 6
+    assert {unit[-1] for _, unit in sized_numbers} >= {"z", "V", "J"}
+    for number, unit in sized_numbers:
+        assert "e" not in number, (number, unit)
+        least = 1e-3 if unit == "fJ" else 1
+        assert least <= float(number) < 1000 or float(number) == 0, (number, unit)
 
 
 @pytest.mark.parametrize("more", [[], ["--quiet"], ["--json"]])

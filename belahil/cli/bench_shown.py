@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from belahil.generators import FAMILIES, MODELS
 from belahil.receiver import RECEIVERS
 from belahil.report.tables import span_text
-from belahil.uncertainty import PREFIXES, prefix_power
+from belahil.uncertainty import sized
 
 if TYPE_CHECKING:
     from belahil.config import BenchConfig
@@ -32,10 +32,10 @@ def catalogue() -> str:
         for name in names:
             model = MODELS[name]
             lines.append(
-                f"    {name}: sine up to {_si(model.max_sine_hz, 'Hz')}, waveforms of {model.min_points} to "
-                f"{model.max_points} points at up to {_si(model.max_arb_rate_hz, 'Sa/s')}, "
-                f"{model.dac_bits} bit, {_si(model.min_amplitude_vpp, 'Vpp')} to "
-                f"{_si(2 * model.max_peak_v, 'Vpp')} into 50 ohm"
+                f"    {name}: sine up to {sized(model.max_sine_hz, 'Hz')}, "
+                f"waveforms of {model.min_points} to {model.max_points} points "
+                f"at up to {sized(model.max_arb_rate_hz, 'Sa/s')}, {model.dac_bits} bit, "
+                f"{sized(model.min_amplitude_vpp, 'Vpp')} to {sized(2 * model.max_peak_v, 'Vpp')} into 50 ohm"
             )
     lines += ["digitizers ([digitizer] driver):", "  grm: the GRM link, docs/grm-link.md"]
     lines += ["receivers ([digitizer] receiver):", *(f"  {_receiver(spec)}" for spec in RECEIVERS.values())]
@@ -80,12 +80,7 @@ def _receiver(spec: ReceiverSpec) -> str:
     codes = len(digitizer.gain_codes or ())
     return (
         f"{spec.name}: {digitizer.converters} converters of {digitizer.bits} bit at "
-        f"{_si(digitizer.sample_rate_hz, 'Sa/s')} in all, windows of up to "
+        f"{sized(digitizer.sample_rate_hz, 'Sa/s')} in all, windows of up to "
         f"{digitizer.max_sample_count} samples, "
-        f"{codes or 'no'} gain codes, order {spec.order}, cut-off {_si(spec.cutoff_hz, 'Hz')}"
+        f"{codes or 'no'} gain codes, order {spec.order}, cut-off {sized(spec.cutoff_hz, 'Hz')}"
     )
-
-
-def _si(value: float, unit: str) -> str:
-    power = prefix_power(value, unit)
-    return f"{value / 10**power:g} {PREFIXES[power]}{unit}"

@@ -9,7 +9,7 @@ import numpy as np
 from belahil.errors import InstrumentError
 from belahil.receiver import receiver_preset
 from belahil.stimuli import NoSignal, Sine
-from belahil.uncertainty import PREFIXES, prefix_power
+from belahil.uncertainty import sized
 from belahil.values import WindowRequest
 
 if TYPE_CHECKING:
@@ -39,20 +39,21 @@ def tried(bench: Bench) -> Iterator[str]:
     samples = bench.spec.max_sample_count
     dark = bench.measure(NoSignal(), WindowRequest(0, code, samples)).window
     setting = "" if code is None else f" at gain code {code}"
-    yield f"dark window{setting}: {_si(float(np.std(dark.volts)), 'V')} rms at the converter"
+    yield f"dark window{setting}: {sized(float(np.std(dark.volts)), 'V', 3)} rms at the converter"
 
     asked = Sine(FREQUENCY_HZ, min(LARGEST_VPP, bench.config.generator.max_vpp / 2))
     shot = bench.measure(asked, WindowRequest(1, code, samples))
     played = shot.played
     assert isinstance(played, Sine)
     found_v, noise_v = amplitude(shot.window, played.frequency_hz), amplitude(dark, played.frequency_hz)
-    sine = f"the sine of {_si(played.frequency_hz, 'Hz')} and {_si(played.amplitude_vpp, 'Vpp')} at the cut"
+    hertz, volts = sized(played.frequency_hz, "Hz", 3), sized(played.amplitude_vpp, "Vpp", 3)
+    sine = f"the sine of {hertz} and {volts} at the cut"
     if shot.window.saturated:
         raise InstrumentError(f"{sine}: {shot.window.saturated} samples of {samples} are clipped")
     if found_v < NOISE_FACTOR * noise_v or found_v < dark.volts_per_count / 4:
         raise InstrumentError(
-            f"{sine} does not come back: {_si(found_v, 'V')} at the converter with it, "
-            f"{_si(noise_v, 'V')} without; is the cable in place, is the receiver powered?"
+            f"{sine} does not come back: {sized(found_v, 'V', 3)} at the converter with it, "
+            f"{sized(noise_v, 'V', 3)} without; is the cable in place, is the receiver powered?"
         )
     gain = 2 * found_v / played.amplitude_vpp
     yield f"{sine} comes back: gain {gain:.3g}{_beside_preset(bench, code)}"
@@ -72,8 +73,3 @@ def _beside_preset(bench: Bench, code: int | None) -> str:
     if code is None or codes is None or code not in codes:
         return ""
     return f" (preset {preset.name}: {preset.gain_by_code[codes.index(code)]:.3g})"
-
-
-def _si(value: float, unit: str) -> str:
-    power = prefix_power(value, unit)
-    return f"{value / 10**power:.3g} {PREFIXES[power]}{unit}"

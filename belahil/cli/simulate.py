@@ -94,15 +94,16 @@ def command(
 
 def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import one_text
+    from belahil.uncertainty import sized
 
     echo = results["echo"]
     lines = [
-        f"echo: {echo['photons']:.4g} photons, {1e15 * echo['energy_j']:.3g} fJ, "
-        f"{1e3 * echo['peak_at_converter_v']:.3g} mV at the converter",
+        f"echo: {echo['photons']:.4g} photons, {sized(echo['energy_j'], 'J', 3)}, "
+        f"{sized(echo['peak_at_converter_v'], 'V', 3)} at the converter",
         "one shot, compared without noise, by night and by day:",
     ]
     lines += [
-        f"  {row['case']}: noise {1e3 * row['noise_rms_v']:.3g} mV rms; {_fitted(row)}"
+        f"  {row['case']}: noise {sized(row['noise_rms_v'], 'V', 3)} rms; {_fitted(row)}"
         for row in results["cases"]
     ]
     lines.append("every shot, with the noise of the scene:")
@@ -121,11 +122,13 @@ def _lines(results: dict[str, Any]) -> list[str]:
 
 
 def _fitted(row: dict[str, Any]) -> str:
+    from belahil.uncertainty import sized
+
     if row["status"] == "no_light":
         return "no light, no Gaussian"
     if row["arrival_s"] is None:
         return f"Gaussian {row['status']}"
     return (
-        f"Gaussian {row['status']}, arrival {1e9 * row['arrival_s']:.2f} ns, "
-        f"fwhm {1e9 * row['fwhm_s']:.2f} ns, amplitude {1e3 * row['amplitude_v']:.2f} mV"
+        f"Gaussian {row['status']}, arrival {sized(row['arrival_s'], 's', 4)}, "
+        f"fwhm {sized(row['fwhm_s'], 's', 4)}, amplitude {sized(row['amplitude_v'], 'V', 4)}"
     )
