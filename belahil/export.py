@@ -191,6 +191,8 @@ def _write_scalars(
 ) -> None:
     for variable in _VARIABLES:
         data = scalars[variable.name]
+        if variable.fill == NO_FLOAT and np.all(data == NO_FLOAT):
+            continue  # of sines, and no shot has one
         # Only where it is needed: readers turn integers that have a fill value into floats.
         fill = variable.fill if np.any(data == variable.fill) else None
         made = file.create_variable(variable.name, ("shot",), data=data, fillvalue=fill)
@@ -237,7 +239,8 @@ def _write_counts(file: Any, shots: Iterable[Shot], longest: int, ragged: bool) 
     )
     counts.attrs["long_name"] = "converter counts; volts are (counts - zero_count) * volts_per_count"
     counts.attrs["units"] = "1"
-    counts.attrs["coordinates"] = "gain_code frequency_hz amplitude_vpp date"
+    coordinates = ("gain_code", "frequency_hz", "amplitude_vpp", "date")
+    counts.attrs["coordinates"] = " ".join(name for name in coordinates if name in file.variables)
     batch = np.full((BATCH, longest), NO_COUNT, np.int16)
     first = held = 0
     for shot in shots:

@@ -64,6 +64,8 @@ def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: st
         if not str(variable).startswith("housekeeping_")
     )
     listed = [*told("Of every shot"), *told(f"Of `belahil {name}`")]
+    if name in ("characterize", "digitizer"):
+        listed += told("Of shots with sines")
     if name == "rfm-parity":
         listed += told("Of shots with candidates")
     if name in ("arrival-time", "rfm-parity"):

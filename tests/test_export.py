@@ -14,7 +14,7 @@ from small_run import SAMPLES, begin, made, measure, outcome, requested
 from belahil.export import write_data
 from belahil.outcome import STATUSES, Table
 from belahil.run import Run
-from belahil.stimuli import NoSignal, SampledPulse, TransmittedPulse
+from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse
 from belahil.values import Candidate, RangeWindow, Shot, WindowRequest
 
 COUNT = 130  # more than two batches
@@ -100,6 +100,20 @@ def test_the_file_says_where_the_data_are_from(tmp_path: Path, source: str, word
         for attribute in ("source", "history", "comment"):
             assert word in file.attrs[attribute]
         assert ("no hardware" in file.attrs["comment"]) == (source != "hardware")
+
+
+@pytest.mark.parametrize("sines", [0, 1, 3])
+def test_what_only_a_sine_has_is_left_out_without_one(tmp_path: Path, sines: int) -> None:
+    # Given silent shots, and some with a sine; the file names its coordinates
+    shots = [replace(made(number), played=NoSignal()) for number in range(3)]
+    shots[:sines] = [replace(shots[0], played=Sine(2e6 + number, 0.05, 1e-3)) for number in range(sines)]
+    with with_windows(tmp_path / "run", *shots) as run:
+        run.finish(outcome(figures={}))
+    with h5netcdf.File(tmp_path / "run" / "data.nc") as file:
+        # Then what a sine has is there for one sine, and not for none
+        there = {"frequency_hz", "amplitude_vpp", "offset_v"} & set(file.variables)
+        assert len(there) == (3 if sines else 0)
+        assert set(file["counts"].attrs["coordinates"].split()) <= set(file.variables)
 
 
 def with_windows(folder: Path, *shots: Shot) -> Run:

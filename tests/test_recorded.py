@@ -57,6 +57,16 @@ def measured(gain_code: int) -> list[Shot]:
     return [*shots[:-1], replace(shots[-1], played=filtered)]
 
 
+@pytest.mark.parametrize("kept", [slice(0, 1), slice(0, 2), slice(2, 6)])
+def test_a_file_with_and_without_sines_gives_what_was_played(kept: slice, tmp_path: Path) -> None:
+    shots = measured(4)[kept]
+    with open_bench(parse_bench(BENCH)) as bench:
+        write_data(tmp_path / "data.nc", shots, {}, SUMMARY, digitizer=bench.spec)
+    with h5netcdf.File(tmp_path / "data.nc") as file:
+        assert ("offset_v" in file.variables) == any(isinstance(shot.played, Sine) for shot in shots)
+    assert [shot.played for shot in read_windows(tmp_path / "data.nc")] == [shot.played for shot in shots]
+
+
 @pytest.mark.parametrize("gain_code", [0, 4, 15])
 def test_the_shots_come_back_as_they_were(tmp_path: Path, gain_code: int) -> None:
     # given windows of every stimulus, of different lengths and products
