@@ -15,7 +15,7 @@ window; range walk by the shape of a pulse, which `belahil arrival-time` measure
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,18 +36,22 @@ if TYPE_CHECKING:
 
     from belahil.bench import Bench
     from belahil.config import BenchConfig
+    from belahil.generators import GeneratorModel
     from belahil.recorded import RecordedWindows
 
 WIDTHS_S = (8e-9, 20e-9, 40e-9, 80e-9)
 PEAKS_V = (10e-3, 30e-3, 90e-3)
-SEPARATIONS = 16
-SHOTS = 2
+SEPARATIONS = 8
+SHOTS = 4
 GAIN_CODE = 4
 SHORTEST_S, LONGEST_S = 1e-6, 199e-6
 """From one pulse to the other."""
 
 _AFTER_S = 1.1e-6
 """From the second pulse to the end of the window, at least: half a correlation window, and the filter."""
+_FAST_HZ = 250e6
+"""Points a second that are enough: what is played is known to the point, and more of them, most of them
+silent, would fill memories and disks."""
 _GOLDEN = (math.sqrt(5) - 1) / 2
 """Its multiples fill the places between two samples evenly, however many there are."""
 
@@ -154,6 +158,8 @@ def plan(bench: Bench, options: TofOptions) -> TofPlan:
         A width below the generator's interval.
     """
     spec, model = bench.spec, bench.generator_model
+    enough_hz = max(_FAST_HZ, 2 / min(options.widths_s))
+    model = replace(model, max_arb_rate_hz=min(model.max_arb_rate_hz, enough_hz))
     code = options.gain_code
     if code is None and spec.gain_codes is not None:
         code = GAIN_CODE if GAIN_CODE in spec.gain_codes else spec.gain_codes[0]
@@ -174,8 +180,8 @@ def plan(bench: Bench, options: TofOptions) -> TofPlan:
         for place, distance_s in enumerate(distances_s(options.separations, longest_s, turn_s, number)):
             # Each converter in its turn is the one that the first pulse meets.
             moved_s = place % spec.converters * interval_s
-            first = TrainPulse(*options.reference, begin_s + lead_s + moved_s)
-            second = TrainPulse(width_s, peak_v, first.centre_s + distance_s)
+            first = TrainPulse(*options.reference, begin_s + on_points(lead_s + moved_s, model))
+            second = TrainPulse(width_s, peak_v, first.centre_s + on_points(distance_s, model))
             pair = gaussian_train((first, second), model)
             for _ in range(options.shots):
                 request = WindowRequest(len(planned), code, spec.max_sample_count, delay_s)
@@ -183,6 +189,11 @@ def plan(bench: Bench, options: TofOptions) -> TofPlan:
     made = TofPlan(tuple(planned), spec.converters, spec.bits, options)
     check_all(bench, made.shots)
     return made
+
+
+def on_points(time_s: float, model: GeneratorModel) -> float:
+    """Round a time to whole intervals of a generator, so that equal pulses are played as equal points."""
+    return round(time_s * model.max_arb_rate_hz) / model.max_arb_rate_hz
 
 
 def distances_s(count: int, longest_s: float, turn_s: float, number: int = 0) -> list[float]:

@@ -24,9 +24,9 @@ from belahil.cli.options import Decimals, common, common_options, receiver_optio
     "--separations",
     type=click.IntRange(min=2),
     metavar="N",
-    help="Distances from 1 to 199 us, for each such pulse; 16 when left out.",
+    help="Distances from 1 to 199 us, for each such pulse; 8 when left out.",
 )
-@click.option("--shots", type=click.IntRange(min=1), metavar="N", help="Of each distance; 2 when left out.")
+@click.option("--shots", type=click.IntRange(min=1), metavar="N", help="Of each distance; 4 when left out.")
 @click.option(
     "--gain-code", type=click.IntRange(min=0), metavar="N", help="4 when left out, else the receiver's first."
 )
