@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 from html.parser import HTMLParser
@@ -173,17 +174,44 @@ def test_a_missing_or_broken_file_is_told(tmp_path: Path, name: str) -> None:
             remake(tmp_path / "run")
 
 
+def budget_of(folder: Path, lines: list[BudgetLine]) -> str:
+    with begin(folder) as run:
+        run.finish(outcome(budget=lines))
+    page = html.unescape((folder / "report.html").read_text())
+    (budget,) = re.findall(r"<h2>Uncertainty budget</h2>(.*?)<h2>", page, re.S)
+    return str(budget)
+
+
 def test_the_budget_is_one_table_whatever_the_number_of_quantities(tmp_path: Path) -> None:
     lines = [BudgetLine(f"gain, code {code}", "noise", 2e-3, "1", 1.0) for code in range(32)]
     lines.append(BudgetLine("cut-off, code 0", "flatness", 1.5e3, "Hz", 1.0))
     lines.append(BudgetLine("cut-off, code 0", "amplitude", 6e-11, "Hz", 1.6e-27))
-    with begin(tmp_path / "run") as run:
-        run.finish(outcome(budget=lines))
-    (budget,) = re.findall(
-        r"<h2>Uncertainty budget</h2>(.*?)<h2>", (tmp_path / "run/report.html").read_text(), re.S
-    )
-    assert (budget.count("<table>"), budget.count("<tr>"), budget.count("<details")) == (1, 1 + 33, 0)
+    lines += [BudgetLine("noise, code 0", source, 1e-4, "V", 0.5) for source in ("noise", "flatness")]
+    budget = budget_of(tmp_path / "run", lines)
+    assert (budget.count("<table>"), budget.count("<tr>"), budget.count("<details")) == (1, 1 + 34, 0)
     assert "<td>cut-off, code 0</td><td>\N{EN DASH}</td><td>1.5 kHz (100.0 %)</td><td>0</td>" in budget
+
+
+@pytest.mark.parametrize(
+    ("sources", "words"),
+    [
+        (["scatter"] * 32, "Each of the 32 uncertainties has one source alone: scatter."),
+        (
+            ["scatter", "[generator] uncertainty.attenuation_db", "scatter"],
+            "Each of the 3 uncertainties has one source alone: scatter (2), "
+            "[generator] uncertainty.attenuation_db (1).",
+        ),
+        (["scatter"], "The uncertainty of gain, code 0 has one source alone: scatter."),
+    ],
+)
+def test_a_budget_of_single_sources_is_a_sentence(tmp_path: Path, sources: list[str], words: str) -> None:
+    # Given results that have one source each, beside one that moves them by rounding alone
+    lines = [BudgetLine(f"gain, code {code}", source, 2e-3, "1", 1.0) for code, source in enumerate(sources)]
+    lines.append(BudgetLine("gain, code 0", "amplitude", 6e-17, "1", 1e-27))
+    # Then no row repeats that it is all of it
+    budget = budget_of(tmp_path / "run", lines)
+    assert re.sub(r"<[^>]*>", "", budget).strip() == words
+    assert "<table>" not in budget
 
 
 def test_only_wide_tables_are_dense_and_break_their_words(tmp_path: Path) -> None:

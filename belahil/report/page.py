@@ -94,6 +94,7 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
         grids=grids(summary["results"]),
         figures=[{**figure, "drawing": _drawing(folder / figure["svg"])} for figure in told["figures"]],
         budget=_budget(told["budget"]),
+        budget_in_words=_budget_in_words(told["budget"]),
         subject=subject,
         given=_read(folder / f"{subject}.toml"),
     )
@@ -140,7 +141,7 @@ def _quantity(value: float, unit: str) -> str:
 
 def _budget(lines: Sequence[Mapping[str, Any]]) -> Grid | None:
     """Lay out all budget lines as one table: a row for each quantity, a column for each source."""
-    if not lines:
+    if not lines or _budget_in_words(lines):
         return None
     sources = tuple(dict.fromkeys(line["source"] for line in lines))
     cells: dict[str, dict[str, str]] = {}
@@ -150,3 +151,23 @@ def _budget(lines: Sequence[Mapping[str, Any]]) -> Grid | None:
         cells.setdefault(line["quantity"], {})[line["source"]] = told if line["share"] > ROUNDING else "0"
     rows = ((name, *(row.get(source, MISSING) for source in sources)) for name, row in cells.items())
     return Grid("Uncertainty budget", ("quantity", *sources), tuple(rows))
+
+
+def _budget_in_words(lines: Sequence[Mapping[str, Any]]) -> str:
+    """Say in a sentence what a table would repeat in each row: that every uncertainty has one source alone.
+
+    Empty where one of them has several, and a table is needed.
+    """
+    acting = [line for line in lines if line["share"] > ROUNDING]
+    alone = {line["quantity"]: line["source"] for line in acting}
+    if not acting or len(alone) < len(acting):
+        return ""
+    found: dict[str, list[str]] = {}
+    for quantity, source in alone.items():
+        found.setdefault(source, []).append(quantity)
+    if len(alone) == 1:
+        return f"The uncertainty of {acting[0]['quantity']} has one source alone: {acting[0]['source']}."
+    told = [f"{source} ({len(names)})" for source, names in found.items()]
+    if len(found) == 1:
+        told = list(found)
+    return f"Each of the {len(alone)} uncertainties has one source alone: {', '.join(told)}."
