@@ -132,7 +132,6 @@ def _measured(value: float, uncertainty: float, unit: str) -> dict[str, Any]:
 
 def _tables(simulation: Simulation) -> dict[str, Table]:
     ground, curves = simulation.ground, simulation.curves
-    x_m, y_m = np.meshgrid(ground.x_m, ground.y_m)
     texts = {
         "transmitted_rate": ("s-1", "photons sent; the laser fires at time 0"),
         "received_rate": ("s-1", "photons on the photodiode"),
@@ -166,12 +165,13 @@ def _tables(simulation: Simulation) -> dict[str, Table]:
         "fit": Table(fits, "shot"),
         "ground": Table(
             {
-                "x": (x_m.ravel(), "m", "from nadir"),
-                "y": (y_m.ravel(), "m", "from nadir"),
-                "height": (ground.height_m.ravel(), "m", "above z = 0"),
+                "ground_y": (ground.y_m, "m", "from nadir"),
+                "height": (ground.height_m, "m", "above z = 0"),
             },
-            "place",
+            "ground_y",
+            "ground_x",
         ),
+        "ground_x": Table({"ground_x": (ground.x_m, "m", "from nadir")}, "ground_x"),
     }
     return {
         name: Table(
@@ -180,6 +180,7 @@ def _tables(simulation: Simulation) -> dict[str, Table]:
                 for column, values in table.columns.items()
             },
             table.dimension,
+            table.across,
         )
         for name, table in tables.items()
     }

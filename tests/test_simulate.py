@@ -83,6 +83,12 @@ def test_the_data_file_holds_windows_and_curves(folder: Path) -> None:
     with xarray.open_dataset(folder / "data.nc") as data:
         assert data["counts"].shape == (4, 16064)
         assert {"curve_received_rate", "samples_night", "fit_arrival_s", "ground_height"} <= set(data)
+        assert data["ground_height"].dims == ("ground_y", "ground_x")
+        there = {"ground_x": 7.0, "ground_y": -9.0}
+        nearest = data["ground_height"].sel(there, method="nearest")
+        # The plane of the scene rises by 10 degrees along x.
+        assert float(nearest) == pytest.approx(np.tan(np.radians(10)) * float(nearest["ground_x"]), abs=1e-9)
+        assert abs(float(nearest["ground_y"]) + 9) < 1
         assert data["candidate_arrival_s"].shape == (4, 4)
         rate, time = data["curve_received_rate"].values, data["time"].values
         assert "SIMULATED" in data.attrs["source"]
