@@ -15,6 +15,7 @@ What this does not model: the delays of fibre, telescope and cables, which the o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -138,6 +139,7 @@ def references_s(receiver: KnownReceiver) -> dict[Reference, float]:
     return {"none": 0.0, "dc_group_delay": group_s, "sample_interval": receiver.sample_interval_s}
 
 
+@lru_cache(maxsize=8)
 def needed_falls(
     window: CorrelationWindow, pulse: KnownPulse, receiver: KnownReceiver
 ) -> dict[str, dict[Definition, dict[Reference, float | None]]]:

@@ -37,7 +37,7 @@ PHASES = 32
 Baseline = Literal["common", "window"]
 _AROUND = np.arange(-2, 3)
 _POLYNOMIAL = np.linalg.inv(np.vander(_AROUND, increasing=True)).T
-_STEPS = 6
+_STEPS = 4
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,7 @@ _WHY = {
     "equal_windows": "all windows are equal, count by count: they are one measurement, repeated or replayed",
     "mixed_gain_codes": "the windows have different gain codes; name one",
     "other_receiver": "sample interval, bits, gain code or scale are not those of the assumed receiver",
+    "pulse_cut_off": "the pulse is not all inside half of the windows; change their length or their delay",
     "too_few_samples": "the windows are too short for the pulse behind this receiver",
     "noise_not_known": "too few samples lie before the pulse to tell the noise, and nothing else tells it",
 }
@@ -39,6 +40,9 @@ _MEANS = {
     "threshold_weakly_determined": "the bound of the threshold is above 0.4 points",
     "no_gaussian_fit": "the detected pulse has no Gaussian fit, so there is no delay",
 }
+_FAR, _SLACK = 5.0, 0.03
+"""Standard deviations, and part, by which the reduced chi-square may differ from 1 before it is told: the
+noise itself is known to a percent or two."""
 NOT_MODELLED = (
     "Not modelled: a pulse whose shape changes from shot to shot, noise of the light, a receiver that "
     "depends on the amplitude, interference that is locked to the shot, and a wrong shape that looks like "
@@ -115,8 +119,17 @@ def _notes(found: TxFound) -> list[str]:
             f" (by chance in {left.probability:.1g} of all cases), {within} the assumed uncertainties allow; "
             f"it looks most like {like}, {left.size:.3g} +- {left.size_uncertainty:.2g}"
         )
+    scatter = 1 + _FAR * (2 / found.freedom) ** 0.5
+    noise = []
+    if not 1 / scatter - _SLACK < found.reduced_chi_square < scatter + _SLACK:
+        noise = [
+            f"The reduced chi-square is {found.reduced_chi_square:.3g}, not 1: what is left is not the noise "
+            "of a receiver of this filter, as a wrong shape, interference or too little noise for the "
+            "converter's steps make it. Then the part of noise in the uncertainty is wrong as well."
+        ]
     return [
         told,
+        *noise,
         f"{shape}. A departure from the model with an expected gain below {SHOWS:g} may stay unseen.",
         "The Gaussian of a single shot scatters about the mean delay with the place of the pulse between two "
         "samples.",

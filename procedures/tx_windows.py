@@ -56,11 +56,13 @@ class PulseWindows:
     ----------
     status : str
         ``ok``, or why there is nothing to analyse: ``no_pulse``, ``saturated``, ``equal_windows``,
-        ``mixed_gain_codes``, ``other_receiver``, ``too_few_samples``, ``noise_not_known``.
+        ``mixed_gain_codes``, ``other_receiver``, ``pulse_cut_off``, ``too_few_samples``,
+        ``noise_not_known``.
     gain_code : int or None
         Of all of them.
     counted : dict of str to int
-        Windows in all (`windows`), used (`used`), and left out: `clipped`, `without_pulse`, `too_short`.
+        Windows in all (`windows`), used (`used`), and left out: `clipped`, `without_pulse`, `cut_off` (the
+        pulse is not all inside), `too_short`.
     shots : ndarray of int64, shape (n,)
         Index of the shot of each segment.
     segments_v : ndarray of float64, shape (n, count)
@@ -142,7 +144,7 @@ def read_pulses(
     ones = [with_clipping(shot, bits).window for shot in shots if isinstance(shot.played, TransmittedPulse)]
     clear = [one for one in ones if not one.saturated and one.counts.size]
     counted = {"windows": len(ones), "used": 0, "clipped": sum(one.saturated > 0 for one in ones)}
-    counted |= {"without_pulse": 0, "too_short": 0}
+    counted |= {"without_pulse": 0, "cut_off": 0, "too_short": 0}
     code = ones[0].gain_code if ones else None
     status = _misfits(ones, clear, bits, interval_s, receiver)
     if status:
@@ -152,11 +154,15 @@ def read_pulses(
     counted["too_short"] = len(clear) - len(long_enough)
     responses = CutResponses(pulse, receiver.poles, receiver.zeros, grid.times_s)
     located = [(one, _located(one, responses, grid)) for one in long_enough]
-    kept = [(one, first) for one, first in located if first is not None]
-    counted["without_pulse"] = len(located) - len(kept)
+    seen = [(one, first) for one, first in located if first is not None]
+    # A best place at an end of the search tells only that the pulse is there or beyond.
+    kept = [(one, first) for one, first in seen if 0 < first < one.counts.size - grid.count]
+    counted["without_pulse"] = len(located) - len(seen)
+    counted["cut_off"] = len(seen) - len(kept)
     counted["used"] = len(kept)
-    if 2 * counted["too_short"] > len(ones):
-        return _none("too_few_samples", code, counted)
+    for name, status in (("too_short", "too_few_samples"), ("cut_off", "pulse_cut_off")):
+        if 2 * counted[name] > len(ones):
+            return _none(status, code, counted)
     if 2 * len(kept) < len(ones):
         return _none("no_pulse", code, counted)
     return _segments(kept, counted, grid, receiver)

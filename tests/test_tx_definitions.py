@@ -103,13 +103,16 @@ def test_which_tail_would_give_the_published_delays(tail_s: float) -> None:
     assert late_s - references_s(receiver())["dc_group_delay"] == pytest.approx(published_s, abs=0.02e-9)
 
 
-@pytest.mark.parametrize(("cutoff_hz", "tail_s", "threshold"), [(19e6, 3e-9, 0.3), (16e6, 15e-9, 0.1)])
+@pytest.mark.parametrize(
+    ("cutoff_hz", "tail_s", "threshold"),
+    [(19e6, 3e-9, 0.3), pytest.param(16e6, 15e-9, 0.1, marks=pytest.mark.slow)],
+)
 def test_chance_alone_leaves_what_chi_square_says(cutoff_hz: float, tail_s: float, threshold: float) -> None:
-    # Given 40 analyses of windows that are just as assumed
+    # Given 25 analyses of windows that are just as assumed
     pulse, known = KnownPulse(5.4e-9, tail_s, 0.0, 0.0), receiver(cutoff_hz)
     truth = Truth(pulse.pulse(), threshold, cutoff_hz=cutoff_hz)
     gains, freedom, made = [], 0, None
-    for seed in range(40):
+    for seed in range(25):
         windows = read_pulses(truth.shots(60, seed), 12, INTERVAL_S, known, pulse.pulse())
         ready = windows.likelihood(known, "common")
         made = made or CutResponses(pulse.pulse(), known.poles, 0, ready.grid.times_s)
@@ -118,4 +121,4 @@ def test_chance_alone_leaves_what_chi_square_says(cutoff_hz: float, tail_s: floa
         freedom += left.freedom
     # Then their sum is a chi-square of all degrees of freedom
     assert 1e-4 < chi2.cdf(float(np.sum(gains)), freedom) < 1 - 1e-4
-    assert freedom >= 80
+    assert freedom >= 50

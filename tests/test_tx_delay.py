@@ -20,7 +20,7 @@ from belahil.config import BenchConfig, EmulatedReceiver, EmulatedTransmitter, E
 from belahil.errors import LimitExceeded, RefusedInput
 from belahil.outcome import Outcome
 from belahil.stimuli import NoSignal
-from belahil.values import Shot
+from belahil.values import Estimate, Shot
 from procedures import tx_delay
 from procedures.known_receiver import preset_receiver
 from procedures.tx_delay import TxDelayOptions, TxPlan
@@ -117,6 +117,7 @@ def test_the_uncertainty_of_the_cutoff_dominates_unless_it_was_measured() -> Non
     assert (first.quantity, first.source) == ("threshold", "cutoff")
 
 
+@pytest.mark.slow
 def test_a_free_baseline_gives_the_same_threshold_within_noise() -> None:
     truth = hidden(tail_s=8e-9)
     both = [found(truth, TxDelayOptions(shots=50, pulse_tail_s=8e-9, baseline=one)).results
@@ -171,6 +172,7 @@ def test_a_pulse_in_few_windows_is_none_and_in_most_is_one() -> None:
         "used": 40,
         "clipped": 0,
         "without_pulse": 10,
+        "cut_off": 0,
         "too_short": 0,
     }
 
@@ -227,8 +229,48 @@ def test_a_pulse_at_the_edge_and_a_window_too_short_are_counted() -> None:
     results = analysed(
         TRUTH.shots(30, 1) + TRUTH.shots(5, 2, start=155) + TRUTH.shots(4, 3, samples=20, start=8)
     )
-    assert results["windows"] == {"windows": 39, "used": 30, "clipped": 0, "without_pulse": 5, "too_short": 4}
+    assert results["windows"] == {
+        "windows": 39,
+        "used": 30,
+        "clipped": 0,
+        "without_pulse": 5,
+        "cut_off": 0,
+        "too_short": 4,
+    }
     assert analysed(TRUTH.shots(4, 3, samples=20, start=8))["status"] == "too_few_samples"
+
+
+@pytest.mark.parametrize("start", [3, 150])
+def test_a_pulse_at_an_edge_is_not_taken_for_a_whole_one(start: int) -> None:
+    # Given a pulse of which only the end, or only the beginning, is in the windows
+    results = analysed(TRUTH.shots(30, 1, start=start))
+    assert results["status"] in ("pulse_cut_off", "no_pulse")
+    assert results["windows"]["used"] == 0
+
+
+def test_a_known_ac_coupling_is_part_of_the_model() -> None:
+    known = replace(receiver(), highpass=Estimate(80e3, 500.0, "Hz"))
+    results = analysed(replace(TRUTH, highpass_hz=80e3).shots(200, 6), receiver=known)
+    assert results["statuses"] == ["ok"]
+    assert not results["misfit"]["beyond_model_terms"]
+    assert results["threshold"]["value"] == pytest.approx(0.2, abs=4 * results["threshold_bound"])
+    (term,) = [one for one in results["model_terms"] if one["source"] == "ac_coupling"]
+    assert term["standard_uncertainty"] == 500.0
+
+
+def test_an_inverted_pulse_is_no_hard_cut() -> None:
+    shots = TRUTH.shots(40, 6)
+    turned = [replace(one, window=replace(one.window, counts=(4096 - one.window.counts).astype(np.int16)))
+              for one in shots]  # fmt: skip
+    assert analysed(turned)["status"] in ("no_pulse", "model_misfit", "other_family")
+
+
+def test_a_receiver_without_gain_codes_and_with_one_converter_is_measured() -> None:
+    known = replace(receiver(), converters=1, codes=(replace(receiver().codes[0], code=None),))
+    shots = [replace(one, window=replace(one.window, gain_code=None)) for one in TRUTH.shots(100, 2)]
+    results = analysed(shots, receiver=known)
+    assert (results["status"], results["gain_code"]) == ("ok", None)
+    assert results["threshold"]["value"] == pytest.approx(0.2, abs=0.012)
 
 
 def test_no_cut_at_all_gives_an_upper_limit() -> None:

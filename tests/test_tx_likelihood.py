@@ -153,10 +153,10 @@ def test_the_interval_of_a_flat_likelihood_reaches_its_end() -> None:
 @pytest.mark.parametrize(
     ("truth", "family"),
     [
-        (Truth(tailed_pulse(5.4e-9, 8e-9), 0.2), "hard_cut"),
+        pytest.param(Truth(tailed_pulse(5.4e-9, 8e-9), 0.2), "hard_cut", marks=pytest.mark.slow),
         (Truth(tailed_pulse(5.4e-9, 8e-9), 0.25, width=0.4), "soft_cut"),
         (Truth(tailed_pulse(5.4e-9, 4.5e-9), 0.0), "shorter_tail"),
-        (Truth(tailed_pulse(5.4e-9, 8e-9), 0.0), "fractional_loss"),
+        pytest.param(Truth(tailed_pulse(5.4e-9, 8e-9), 0.0), "fractional_loss", marks=pytest.mark.slow),
     ],
 )
 def test_each_family_is_told_from_the_others(truth: Truth, family: str) -> None:
