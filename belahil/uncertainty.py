@@ -60,14 +60,14 @@ def budget(quantity: str, unit: str, parts: Mapping[str, float]) -> list[BudgetL
 def prefix_power(size: float, unit: str) -> int:
     """Power of ten, a multiple of three, that writes a number of this size with one to three digits.
 
-    A unit that is a number ("1", "1e-6") takes no prefix, nor do decibels.
+    A unit with a number in it ("1", "1e-6", "V-2") takes no prefix, nor do decibels.
 
     Examples
     --------
     >>> prefix_power(19e6, "Hz"), prefix_power(0.83e-3, "V"), prefix_power(1234.0, "1")
     (6, -6, 0)
     """
-    if unit[:1].isdigit() or unit == "dB" or size == 0 or not math.isfinite(size):
+    if any(map(str.isdigit, unit)) or unit == "dB" or size == 0 or not math.isfinite(size):
         return 0
     return min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), min(PREFIXES)), max(PREFIXES))
 

@@ -18,6 +18,7 @@ from belahil.outcome import Outcome
 from belahil.stimuli import NoSignal, Sine, Stimulus
 from belahil.values import Shot, WindowRequest
 from procedures.coherent import default_frequencies
+from procedures.dark_noise import LEAST_SAMPLES
 from procedures.noise import gain_codes, window_length
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 from procedures.sine_fit import SinePlan
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
     from belahil.bench import Bench
     from belahil.config import BenchConfig
+    from belahil.recorded import RecordedWindows
 
 AMPLITUDES_VPP = (3e-3, 13e-3, 30e-3, 50e-3, 200e-3)
 """Default amplitudes at the cut, those of Nishiyama et al., appendix C."""
@@ -75,6 +77,8 @@ class GainPlan:
         Volts at the cut, Hz.
     dark_windows, sample_count, converters, bits : int
         Windows a code, samples a window, interleaved converters and their resolution.
+    recorded : tuple of (shot, code, frequency_hz, amplitude_vpp)
+        Of windows that were not measured but read from a file; amplitude 0 for silence.
     """
 
     codes: tuple[int | None, ...]
@@ -84,10 +88,19 @@ class GainPlan:
     sample_count: int
     converters: int
     bits: int
+    recorded: tuple[tuple[int, int | None, float, float], ...] = ()
 
     @property
     def shots(self) -> tuple[PlannedShot, ...]:
-        """Dark windows first, then the sines with the gain code changing fastest."""
+        """Dark windows first, then the sines with the gain code changing fastest; or what was recorded."""
+        if self.recorded:
+            return tuple(
+                PlannedShot(
+                    WindowRequest(shot, code, self.sample_count),
+                    Sine(frequency_hz, amplitude_vpp) if amplitude_vpp else NoSignal(),
+                )
+                for shot, code, frequency_hz, amplitude_vpp in self.recorded
+            )
         stimuli: list[tuple[Stimulus, int | None]] = [
             (NoSignal(), code) for code in self.codes for _ in range(self.dark_windows)
         ]
@@ -135,6 +148,56 @@ def plan(bench: Bench, options: GainOptions) -> GainPlan:
         bits=spec.bits,
     )
     check_all(bench, made.shots)
+    _refuse_unmeasurable(made, spec.sample_rate_hz)
+    return made
+
+
+def recorded_plan(recorded: RecordedWindows, options: GainOptions) -> GainPlan:
+    """Take the sines and the silent windows of a data file, at the wanted gain codes or at all that it has.
+
+    Raises
+    ------
+    RefusedInput
+        A gain code without a sine or without silence, windows of several lengths, too short ones, or fewer
+        than two frequencies at which a sine can be measured.
+    """
+    found = []
+    for row in range(len(recorded)):
+        played, request = recorded.played(row), recorded.request(row)
+        if options.codes is not None and request.gain_code not in options.codes:
+            continue
+        if isinstance(played, NoSignal) and request.trigger == "immediate":
+            found.append((row, request.gain_code, 0.0, 0.0, request.sample_count))
+        elif isinstance(played, Sine):
+            # Generators round: what was meant to be one amplitude is one to three digits.
+            amplitude_vpp = float(f"{played.amplitude_vpp:.3g}")
+            found.append((row, request.gain_code, played.frequency_hz, amplitude_vpp, request.sample_count))
+    codes = tuple(dict.fromkeys(code for _, code, _, _, _ in found))
+    for kind, there in (
+        ("a sine", {code for _, code, _, volts, _ in found if volts}),
+        ("silence", {code for _, code, _, volts, _ in found if not volts}),
+    ):
+        lacking = [code for code in (options.codes or codes or (None,)) if code not in there]
+        if lacking:
+            told = ", ".join(map(str, lacking))
+            raise RefusedInput(f"{recorded.path}: no window with {kind} at gain code {told}")
+    lengths = sorted({count for _, _, _, _, count in found})
+    if len(lengths) > 1 or lengths[0] < LEAST_SAMPLES:
+        raise RefusedInput(
+            f"{recorded.path}: windows of {lengths[0]} to {lengths[-1]} samples: they must be of one length, "
+            f"at least {LEAST_SAMPLES}"
+        )
+    spec = recorded.spec
+    made = GainPlan(
+        codes=codes,
+        amplitudes_vpp=tuple(sorted({volts for _, _, _, volts, _ in found if volts})),
+        frequencies_hz=tuple(sorted({hz for _, _, hz, volts, _ in found if volts})),
+        dark_windows=sum(not volts for _, _, _, volts, _ in found) // len(codes),
+        sample_count=lengths[0],
+        converters=spec.converters,
+        bits=spec.bits,
+        recorded=tuple(one[:4] for one in found),
+    )
     _refuse_unmeasurable(made, spec.sample_rate_hz)
     return made
 

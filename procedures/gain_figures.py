@@ -183,7 +183,7 @@ def estimator_figure(found: Characterization) -> Figure:
     )
     axes = figure.subplots(gridspec_kw={"left": 0.12, "right": 0.98, "bottom": 0.13, "top": 0.97})
     shown = _shown(found)
-    rows = [] if shown is None else [row for row in found.small_signal if row.code == shown.code]
+    rows = [] if shown is None else [row for row in found.by_amplitude if row.code == shown.code]
     if shown is None or shown.gain is None or not rows:
         axes.text(0.5, 0.5, "no usable point", transform=axes.transAxes, ha="center")
         return figure

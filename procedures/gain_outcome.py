@@ -9,6 +9,7 @@ import numpy as np
 from belahil.bench import setting_per_cut_volt
 from belahil.config import GeneratorUncertainty
 from belahil.outcome import Outcome
+from belahil.report.tables import one_text
 from belahil.values import Estimate
 from procedures.gain_results import characterization
 from procedures.gain_tables import integer_order, numbers, tables
@@ -78,8 +79,13 @@ def _results(found: Characterization) -> dict[str, Any]:
                 "peak_to_peak": row.peak_to_peak,
                 "points": row.count,
             }
-            for row in found.small_signal
+            for row in found.by_amplitude
         ],
+        "small_signal": {
+            "cubic_per_v2": _json(found.small_signal.cubic_per_v2),
+            "deadband_v": _json(found.small_signal.deadband_v),
+            "status": found.small_signal.status,
+        },
         "points": _counted(found),
     }
 
@@ -99,6 +105,14 @@ def _code_json(one: CodeResult) -> dict[str, Any]:
         "input_noise_rms": _json(one.input_noise),
         "fit": _chi_square(one.fit),
         "linearity": _chi_square(one.linearity),
+        "small_signal": {
+            "cubic_per_v2": _json(one.small_signal.cubic_per_v2),
+            "deadband_v": _json(one.small_signal.deadband_v),
+            "gain": _json(one.small_signal.gain),
+            "chi_square": one.small_signal.chi_square,
+            "degrees_of_freedom": one.small_signal.freedom,
+            "status": one.small_signal.status,
+        },
         "status": one.status,
     }
 
@@ -152,6 +166,7 @@ def _notes(found: Characterization, converters: int, declared: GeneratorUncertai
             "different amplitudes differ by more than chance and declared errors explain. The difference is "
             "in the uncertainties of gain and cut-off."
         )
+    notes += _of_small_signals(found)
     if found.runner_up is not None and found.runner_up.is_within:
         notes.append(
             f"Gain code {found.runner_up.code} is within the uncertainty of the best, {found.best_code}: "
@@ -161,6 +176,17 @@ def _notes(found: Characterization, converters: int, declared: GeneratorUncertai
         listed = ", ".join(f"{count} {name}" for name, count in left_out.items())
         notes.append(f"Windows left out of the fits: {listed}.")
     return notes
+
+
+def _of_small_signals(found: Characterization) -> list[str]:
+    """Say what a dead zone and a cubic term explain of the gains at different amplitudes."""
+    told = found.small_signal
+    if told.status != "ok" or told.cubic_per_v2 is None or told.deadband_v is None:
+        return []
+    return [
+        "A dead zone and a cubic term behind the filter explain how the gain depends on the amplitude: "
+        f"{one_text(told.deadband_v.as_json())} and {one_text(told.cubic_per_v2.as_json())}, at the cut."
+    ]
 
 
 def _conditions(found: Characterization) -> dict[str, str]:

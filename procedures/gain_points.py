@@ -127,7 +127,8 @@ def read_windows(plan: GainPlan, shots: Iterable[Shot]) -> WindowReadings:
     dark: dict[int | None, list[RangeWindow]] = {code: [] for code in plan.codes}
     sines = []
     plans: dict[float, SinePlan] = {}
-    for shot in (with_clipping(one, plan.bits) for one in kept):
+    wanted = {one.request.shot for one in plan.shots}
+    for shot in (with_clipping(one, plan.bits) for one in kept if one.window.shot in wanted):
         if isinstance(shot.played, Sine):
             sines.append(_read_sine(plan, shot, clock, plans))
         else:

@@ -13,6 +13,7 @@ from belahil.outcome import BudgetLine
 from belahil.values import Estimate
 from procedures.butterworth_fit import ButterworthFit, FilterFits, fit_filter
 from procedures.gain_amplitudes import AmplitudeRow, Linearity, amplitude_rows, between_amplitudes, linearity
+from procedures.small_signal import SmallSignalResult, fit_small_signal, of_all_codes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,6 +48,8 @@ class CodeResult:
         Whether the gains at all amplitudes are one number.
     amplitudes : tuple of AmplitudeRow
         Those gains.
+    small_signal : SmallSignalResult
+        The dead zone and the cubic term that would explain their differences.
     """
 
     code: int | None
@@ -63,6 +66,7 @@ class CodeResult:
     noise_is_hidden: bool
     linearity: Linearity | None
     amplitudes: tuple[AmplitudeRow, ...]
+    small_signal: SmallSignalResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +95,12 @@ class Characterization:
     budget: tuple[BudgetLine, ...]
 
     @property
-    def small_signal(self) -> tuple[AmplitudeRow, ...]:
+    def small_signal(self) -> SmallSignalResult:
+        """Dead zone and cubic term of all codes together."""
+        return of_all_codes([one.small_signal for one in self.codes])
+
+    @property
+    def by_amplitude(self) -> tuple[AmplitudeRow, ...]:
         """Gains by amplitude of all codes."""
         return tuple(row for one in self.codes for row in one.amplitudes)
 
@@ -249,8 +258,24 @@ def _code_result(
         noise_is_hidden=noise is None and dark.status in ("below_dither", "no_signal"),
         linearity=linearity(rows) if rows else None,
         amplitudes=rows,
+        small_signal=_small_signal(fits, points, mine, shifts),
     )
     return result, budget
+
+
+def _small_signal(
+    fits: FilterFits | None, points: Points, mine: NDArray[np.bool_], shifts: tuple[DeclaredShift, ...]
+) -> SmallSignalResult:
+    if fits is None or not fits.integer.knows_cutoff:
+        return SmallSignalResult("not_identified")
+    return fit_small_signal(
+        fits.integer,
+        points.frequency_hz[mine],
+        points.played_vpp[mine],
+        points.gain[mine],
+        points.gain_u[mine],
+        [one.relative[mine] for one in shifts],
+    )
 
 
 def _filter_numbers(

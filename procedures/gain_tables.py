@@ -28,6 +28,8 @@ def numbers(found: Characterization) -> dict[str, Number]:
     between = "of two interleaved converters, even minus odd"
     return {
         "clock_ppm": (found.clock_ppm, "1e-6", "relative error of the receiver's clock, above zero: fast"),
+        "cubic_per_v2": (found.small_signal.cubic_per_v2, "V-2", "cubic term, at the cut behind the filter"),
+        "deadband_v": (found.small_signal.deadband_v, "V", "dead zone, at the cut behind the filter"),
         "interleave_gain": (interleave.gain, "1", f"relative difference of the gains {between}"),
         "interleave_offset_v": (interleave.offset_v, "V", f"difference of the offsets {between}"),
         "interleave_skew_s": (interleave.skew_s, "s", f"difference of the sampling times {between}"),
@@ -51,9 +53,11 @@ def tables(plan: GainPlan, found: Characterization, readings: WindowReadings) ->
         "point_gain_peak": (points.gain_peak, "1", "gain from the span of the record, noise included"),
         "point_status": (points.status, "1", "ok, or why the point is not used"),
     }
+    # What somebody else planned for recorded windows is not known.
+    known = {} if plan.recorded else {"planned_amplitude_vpp": (np.array(planned), "V", words)}
     return {
         "points": Table(columns, "point"),
-        "plan": Table({"planned_amplitude_vpp": (np.array(planned), "V", words)}, "shot"),
+        **({"plan": Table(known, "shot")} if known else {}),
         "codes": Table(_code_columns(found), "code"),
         **spectrum_tables(readings.dark),
     }

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
 
-from belahil.cli.options import Codes, Decimals, common, common_options
+from belahil.cli.options import Codes, Decimals, common, common_options, windows_option
 
 
 @click.command("characterize", short_help="Gain, cut-off and noise by gain code, and the best code.")
@@ -31,12 +32,14 @@ from belahil.cli.options import Codes, Decimals, common, common_options
     metavar="N",
     help="Windows without a signal, for each code; 4 when left out.",
 )
+@windows_option
 @common_options
 def command(
     codes: tuple[int, ...] | None,
     amplitudes_vpp: tuple[float, ...] | None,
     frequencies_hz: tuple[float, ...] | None,
     dark_windows: int | None,
+    windows: Path | None,
     **given: Any,
 ) -> int:
     """Measure gain, cut-off and noise of a receiver by its gain codes, and find the best code.
@@ -51,7 +54,7 @@ def command(
         "frequencies_hz": frequencies_hz,
         "dark_windows": dark_windows,
     }
-    return perform(Job("characterize", "GainOptions", _lines), common(**given), chosen)
+    return perform(Job("characterize", "GainOptions", _lines), common(**given), chosen, windows)
 
 
 def _lines(results: dict[str, Any]) -> list[str]:
