@@ -22,24 +22,19 @@ from belahil.errors import RefusedInput
 from belahil.pole_response import SampledNoise
 from sim.chain_light import lasting_s
 from sim.chain_noise import PoleFilter, ShotNoise, StationaryNoise
-from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.draws import Draws
 from sim.echo import GridEcho
 from sim.keyed import KeyedDraws, first_normals, first_uniforms, loops
 from sim.light_noise import shot_noise_density, white_step_rms_v
 from sim.receiver_model import small_signal_effects
 from sim.reference import polyphase
+from sim.relief_tiles import ReliefTiles
 from sim.terrain_grid import Grid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import ArrayLike, NDArray
 
     from sim.chain import Chain
-
-_TILE = 16
-"""Posts along a side of the squares whose lowest and highest are kept."""
 
 _MOVES = 1024
 """Places in a stored window of noise at which a shot's window may begin."""
@@ -112,7 +107,7 @@ class ShotRows:
         if pool_windows < 0:
             raise RefusedInput(f"a pool of {pool_windows} windows: 0 (no pool) or more are allowed")
         scene, plan = chain.scene, chain.plan
-        self._chain, self._relief = chain, _relief(chain)
+        self._chain, relief = chain, _relief(chain)
         self._pool_windows, self._generator = pool_windows, generator
         self._interval_s = chain.receiver.grid.interval_s
         # The range finder counts in nominal intervals.
@@ -140,7 +135,7 @@ class ShotRows:
         self._small = small_signal_effects(scene.truth)
         if self._small and len(self._stationary) > bool(dark_v):
             raise RefusedInput("rows of shots: sunlight before a small-signal effect needs Chain.candidates")
-        self._lowest, self._highest = (_tiles(self._relief, pick) for pick in (np.min, np.max))
+        self._tiles = ReliefTiles(relief)
 
     def candidates(self, shots: ArrayLike, centres_m: ArrayLike | None = None) -> FoundShots:
         """Find the candidates of many shots.
@@ -194,7 +189,7 @@ class ShotRows:
         energy = np.ones(shots.size)
         if laser.energy_jitter:
             energy += laser.energy_jitter * self._normals(shots, "energy", 1)[:, 0]
-        early_s, late_s = self._spread_s(centres_m)
+        early_s, late_s = self._tiles.spread_s(centres_m, chain.plan.radius_m, chain.scene.altitude_m)
         size = chain.receiver.spec.max_sample_count
         low, high = self._between(lasting_s(chain.kernel), early_s, late_s, first_s, self._interval_s)
         width = int((high - low).max())
@@ -322,23 +317,6 @@ class ShotRows:
         high = np.ceil((late_s + response_s[1] - first_s) / step_s).astype(np.int64) + 1
         return low, high
 
-    def _spread_s(self, centres_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Delays before and after which no light comes back, from the lowest and highest posts about."""
-        relief, radius_m = self._relief, self._chain.plan.radius_m
-        early, late = np.empty(len(centres_m)), np.empty(len(centres_m))
-        corner = np.array([relief.x_min_m, relief.y_min_m])
-        shape = np.array(self._lowest.shape[::-1])
-        begin = np.floor((centres_m - radius_m - corner) / relief.spacing_m).astype(np.int64) // _TILE
-        end = np.ceil((centres_m + radius_m - corner) / relief.spacing_m).astype(np.int64) // _TILE + 1
-        begin, end = np.clip(begin, 0, shape - 1), np.clip(end, 1, shape)
-        for k, ((left, lower), (right, upper)) in enumerate(zip(begin, end, strict=True)):
-            tiles = np.s_[lower : max(upper, lower + 1), left : max(right, left + 1)]
-            early[k], late[k] = self._highest[tiles].max(), self._lowest[tiles].min()
-        lit = np.isfinite(early)
-        early, late = np.where(lit, early, 0.0), np.where(lit, late, 0.0)
-        bend_m = radius_m**2 / (2 * self._chain.scene.altitude_m)
-        return -2 * early / SPEED_OF_LIGHT_M_PER_S, 2 * (bend_m - late) / SPEED_OF_LIGHT_M_PER_S
-
 
 def _relief(chain: Chain) -> Grid:
     scene = chain.scene
@@ -363,14 +341,3 @@ def _index(chain: Chain) -> int:
 
 def _light_source(noise: StationaryNoise, gain: float, interval_s: float) -> tuple[str, float, SampledNoise]:
     return noise.effect, gain * noise.rms_v, noise.passed.noise(interval_s)  # type: ignore[return-value]
-
-
-def _tiles(relief: Grid, pick: Callable[..., NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The lowest, or highest, known post of each square; infinite the other way where there is none."""
-    values, nothing = relief.values, np.inf if pick is np.min else -np.inf
-    if relief.known is not None:
-        values = np.where(relief.known, values, nothing)
-    rows, columns = (-(-size // _TILE) * _TILE for size in values.shape)
-    margins = ((0, rows - values.shape[0]), (0, columns - values.shape[1]))
-    padded = np.pad(values, margins, constant_values=nothing)
-    return pick(padded.reshape(rows // _TILE, _TILE, columns // _TILE, _TILE), axis=(1, 3))
