@@ -101,6 +101,7 @@ def playable(
         the attenuator that would serve; or too large, too long, or before the trigger.
     """
     check_not_too_faint([wished], model, config)
+    _check_not_too_large(wished, model, config)
     stimulus = _on_grid(wished, model, interpolation)
     factor = setting_per_cut_volt(config)
     setting = setting_for(scaled(stimulus, factor), model, config.generator.load_ohm, config.bench.trigger)
@@ -109,6 +110,19 @@ def playable(
     assert isinstance(played, SampledPulse)
     codes = np.abs(setting.arb.codes.astype(np.int32))
     return Playable(wished, stimulus, played, setting.amplitude_vpp, float(codes.max()) / FULL_CODE)
+
+
+def _check_not_too_large(pulse: SampledPulse, model: GeneratorModel, config: BenchConfig) -> None:
+    peak_v = largest_volts(pulse)
+    most_vpp = 2 * model.max_peak_v * per_50_ohm(config.generator.load_ohm)
+    if _setting_vpp(peak_v, config) <= most_vpp:
+        return
+    advised_db = advised_attenuation_db([peak_v], model, config)
+    advice = "no attenuator helps" if advised_db is None else f"{advised_db:g} dB would serve"
+    raise LimitExceeded(
+        f"a pulse of {peak_v:.4g} V at the cut behind {config.generator.attenuation_db:g} dB is a setting of "
+        f"{_setting_vpp(peak_v, config):.4g} Vpp; {model.name} makes at most {most_vpp:.4g} Vpp; {advice}"
+    )
 
 
 def is_too_faint(pulse: SampledPulse, model: GeneratorModel, config: BenchConfig) -> bool:

@@ -178,7 +178,7 @@ def test_what_no_attenuator_helps_is_refused_and_says_so() -> None:
 @pytest.mark.parametrize(
     ("pulse", "words"),
     [
-        (SampledPulse(np.ones(5) * 8.0, 250e6, 1e-6), "at most 5 V peak"),
+        (SampledPulse(np.ones(5) * 8.0, 250e6, 1e-6), "at most 10 Vpp; no attenuator helps"),
         (SampledPulse(np.ones(5) * 1e-3, 250e6, -1e-6), "allows 0 to 1000 s"),
         (SampledPulse(np.ones(5000) * 1e-3, 1e6), "holds at most 1000000"),
     ],
@@ -186,3 +186,14 @@ def test_what_no_attenuator_helps_is_refused_and_says_so() -> None:
 def test_what_the_generator_cannot_make_is_refused(pulse: SampledPulse, words: str) -> None:
     with pytest.raises(LimitExceeded, match=words):
         playable(pulse, SLOW, bench_with())
+
+
+def test_an_attenuator_that_is_too_large_is_told_with_one_that_serves() -> None:
+    # given an echo from near, behind an attenuator for faint ones
+    with pytest.raises(
+        LimitExceeded, match=r"a setting of 20 Vpp; 33522B makes at most 10 Vpp; (\d+) dB"
+    ) as no:
+        playable(bell(10.0, 0.1), SLOW, bench_with(40.0))
+    # then what is told does
+    advised_db = float(str(no.value).rpartition("; ")[2].split(" dB")[0])
+    assert playable(bell(10.0, 0.1), SLOW, bench_with(advised_db)).full_range > 0.99
