@@ -43,13 +43,14 @@ def pulse_figure(one: CaseResult) -> Figure:
     interval_s = one.interval_s
     zero_s = _peak_s(fit, interval_s)
     times_ns = _times_ns(fit, interval_s, zero_s)
-    measured = fit.predicted_v + fit.residual_v
+    measured = fit.placement.predicted_v + fit.residual_v
     top.plot(times_ns.ravel(), 1e3 * measured.ravel(), ".", color=SAMPLES, ms=2, alpha=0.4, label="samples")
     told = f"predicted for what was played: {_told(one, one.played.reduced)}"
     _curve(top, fit, times_ns, interval_s, "-", PLAYED, told)
     if one.wished is not None:
         other = one.wished.fit
-        wished_ns = _times_ns(other, interval_s, zero_s) - 1e9 * float(np.mean(other.first_s - fit.first_s))
+        shift_ns = 1e9 * float(np.mean(other.late_s - fit.late_s))
+        wished_ns = _times_ns(other, interval_s, zero_s) - shift_ns
         told = f"predicted for what was wished: {_told(one, one.wished.reduced)}"
         _curve(top, other, wished_ns, interval_s, "--", WISHED, told)
     top.set_ylabel("at the converter, mV")
@@ -76,7 +77,7 @@ def _curve(
     label: str,
 ) -> None:
     """Draw the predictions of all windows as one curve: their mean, where each has a waveform of its own."""
-    means = binned(times_ns, fit.predicted_v, 1e9 * interval_s / _FINE)
+    means = binned(times_ns, fit.placement.predicted_v, 1e9 * interval_s / _FINE)
     axes.plot(means.places, 1e3 * means.means, line, color=colour, lw=1.3, label=label)
 
 
@@ -85,14 +86,15 @@ def _told(one: CaseResult, reduced: float) -> str:
 
 
 def _times_ns(fit: ShapeFit, interval_s: float, zero_s: float) -> NDArray[np.float64]:
-    steps = np.arange(fit.predicted_v.shape[1]) * interval_s
-    times: NDArray[np.float64] = 1e9 * (np.add.outer(fit.first_s, steps) - zero_s)
+    steps = np.arange(fit.placement.predicted_v.shape[1]) * interval_s
+    times: NDArray[np.float64] = 1e9 * (np.add.outer(fit.placement.first_s, steps) - zero_s)
     return times
 
 
 def _peak_s(fit: ShapeFit, interval_s: float) -> float:
-    row, column = np.unravel_index(np.argmax(np.abs(fit.predicted_v)), fit.predicted_v.shape)
-    return float(fit.first_s[row] + column * interval_s)
+    volts = np.abs(fit.placement.predicted_v)
+    row, column = np.unravel_index(np.argmax(volts), volts.shape)
+    return float(fit.placement.first_s[row] + column * interval_s)
 
 
 def _means(

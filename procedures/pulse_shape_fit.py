@@ -1,10 +1,10 @@
 """Compare windows with predicted pulses: one delay for each window, then three tests.
 
-Each window is compared with the prediction in its measured noise, r^T C^-1 r. Where the trigger fell between
-two samples is not known, so each window has a delay of its own, by Gauss-Newton from the best of a search.
-What is left is tested three times:
+Each window is compared with the prediction in its measured noise, r^T C^-1 r. Where the trigger fell
+between two samples is not known, so each window has a delay of its own, see `procedures.pulse_delays`. What
+is left is tested three times:
 
-- the *level*: the sum of all r^T C^-1 r, one degree of freedom less than samples for each window;
+- the *level*: the sum of all r^T C^-1 r, and of the price of delays that are not free;
 - the *shape*: by how much a free curve, straight lines between nodes one sample interval apart and common to
   all windows, lowers that sum. It sees errors that windows share, far below the noise of one window;
 - the *numbers*: gain, cut-off and the like are known with an uncertainty. They may move, at the price of
@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from procedures.pulse_delays import Placement, alike, placed
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -28,15 +30,8 @@ if TYPE_CHECKING:
     from belahil.stimuli import SampledPulse
     from procedures.pulse_prediction import Path
 
-SEARCHED = 8
-"""Sample intervals before and after the expected place in which a pulse is looked for."""
-_PLACES = 4
-"""Places of the search in a sample interval."""
 _FEWEST = 3
 """Values in a bin of which a mean is told."""
-_STEPS, _CLOSE = 8, 1e-4
-"""Of Gauss-Newton, at most; sample intervals below which a step ends it. Three are needed where a pulse
-stands out, and its delay is uncertain by a hundredth of an interval at best."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +43,7 @@ class ShapeFit:
     chi_square : float
         Sum over all windows, with the numbers as they are known.
     freedom : int
-        m (n - 1).
+        m (n - 1) where every window has a free delay, m n - 1 where the delays spread about a common one.
     adjusted : float
         The same with the numbers moved, their squared pulls included; it has the same degrees of freedom.
     pulls : mapping of str to float
@@ -57,17 +52,16 @@ class ShapeFit:
         By how much the free curve lowers `adjusted`.
     shape_freedom : int
         Of the free curve.
-    first_s : ndarray of float64, shape (m,)
-        Time of each window's first sample on the time axis of the pulses, as found, s.
+    placement : Placement
+        Where the pulses were found, and the predictions there, with the numbers as they are known.
     late_s : ndarray of float64, shape (m,)
-        By how much this is later than expected, s.
-    within : ndarray of bool, shape (m,)
-        False where the best place is at an end of the search.
-    predicted_v, residual_v : ndarray of float64, shape (m, n)
-        At the converter, V, with the numbers as they are known.
+        By how much the first samples are later than expected, s.
+    residual_v : ndarray of float64, shape (m, n)
+        Measured minus predicted at the converter, V.
     stands_out : float
-        Mean square of what a filter matched to the prediction finds, in standard deviations of the noise;
-        some 5 without any pulse, since the best place is chosen.
+        Mean square of what a filter matched to the prediction finds in a window, in standard deviations of
+        the noise; where the delays are not free, the square for all windows at once. Without any pulse it is
+        some 5 or 10, since the best place is chosen.
     expected : float
         The same as predicted.
     """
@@ -78,10 +72,8 @@ class ShapeFit:
     pulls: Mapping[str, float]
     shape: float
     shape_freedom: int
-    first_s: NDArray[np.float64]
+    placement: Placement
     late_s: NDArray[np.float64]
-    within: NDArray[np.bool_]
-    predicted_v: NDArray[np.float64]
     residual_v: NDArray[np.float64]
     stands_out: float
     expected: float
@@ -112,85 +104,45 @@ def fit_shape(
     whitener : ndarray of float64, shape (n, n)
         From `procedures.noise_covariance.StretchNoise.whitener`.
     """
-    shape = windows_v.shape
-    first_s, within = np.empty(shape[0]), np.empty(shape[0], dtype=bool)
-    predicted_v, late = np.empty(shape), np.empty(shape)
-    moved = np.empty((len(uncertain), *shape))
-    for rows in _alike(pulses, expected_s):
-        pulse = pulses[rows.start]
-        first_s[rows], within[rows] = _placed(path, pulse, windows_v[rows], expected_s[rows.start], whitener)
-        predicted_v[rows], late[rows] = _with_slope(path, pulse, first_s[rows], shape[1])
-        moved[:, rows] = path.derivatives(pulse, first_s[rows], shape[1], uncertain)
-    residual_v = windows_v - predicted_v
-    nodes = _nodes(first_s, shape[1], path.interval_s)
-    test = _Tests(residual_v @ whitener.T, late @ whitener.T)
+    count = windows_v.shape[0]
+    found = placed(path, pulses, windows_v, expected_s, whitener)
+    moved = np.empty((len(uncertain), *windows_v.shape))
+    for rows in alike(pulses, expected_s):
+        moved[:, rows] = path.derivatives(
+            pulses[rows.start], found.first_s[rows], windows_v.shape[1], uncertain
+        )
+    residual_v = windows_v - found.predicted_v
+    late = found.slope_v_per_s @ whitener.T
+    # About the common delay, from which the delays of faint pulses spread.
+    residual = residual_v @ whitener.T + late * (found.first_s - found.common_s)[:, None]
+    test = _Tests(residual, late, found.spread_s)
     pulls, adjusted = test.numbers(moved @ whitener.T)
+    nodes = _nodes(found.first_s, windows_v.shape[1], path.interval_s)
     curve, curve_freedom = test.curve(nodes @ whitener.T)
-    whole = predicted_v @ whitener.T
-    energy = np.sum(whole**2, axis=1)
-    matched = np.sum(whole * (windows_v @ whitener.T), axis=1) ** 2
-    seen = energy > 0
+    stands_out, expected = _seen(found.predicted_v @ whitener.T, windows_v @ whitener.T, each=found.is_free)
     return ShapeFit(
         chi_square=test.chi_square,
-        freedom=shape[0] * (shape[1] - 1),
+        freedom=windows_v.size - (count if found.is_free else 1),
         adjusted=adjusted,
         pulls=dict(zip(uncertain, pulls.tolist(), strict=True)),
         shape=curve,
         shape_freedom=curve_freedom,
-        first_s=first_s,
-        late_s=first_s - expected_s,
-        within=within,
-        predicted_v=predicted_v,
+        placement=found,
+        late_s=found.first_s - expected_s,
         residual_v=residual_v,
-        stands_out=float(np.sum(matched[seen] / energy[seen]) / shape[0]),
-        expected=float(energy.mean()),
+        stands_out=stands_out,
+        expected=expected,
     )
 
 
-def _alike(pulses: Sequence[SampledPulse], expected_s: NDArray[np.float64]) -> list[slice]:
-    """Stretches of windows with one pulse at one expected place."""
-    ends = [
-        row
-        for row in range(1, len(pulses))
-        if expected_s[row] != expected_s[row - 1]
-        or not (pulses[row] is pulses[row - 1] or pulses[row] == pulses[row - 1])
-    ]
-    return [slice(begin, end) for begin, end in zip([0, *ends], [*ends, len(pulses)], strict=True)]
-
-
-def _placed(
-    path: Path,
-    pulse: SampledPulse,
-    windows_v: NDArray[np.float64],
-    expected_s: float,
-    whitener: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Time of the first samples, shape (m,), and whether the search found an inner place."""
-    count = windows_v.shape[1]
-    offsets_s = (path.interval_s / _PLACES) * np.arange(-SEARCHED * _PLACES, SEARCHED * _PLACES + 1.0)
-    white = windows_v @ whitener.T
-    bank = path.volts(pulse, expected_s + offsets_s, count) @ whitener.T
-    best = np.argmin(np.sum(bank**2, axis=1) - 2 * white @ bank.T, axis=1)
-    first_s: NDArray[np.float64] = expected_s + offsets_s[best]
-    for _ in range(_STEPS):
-        volts, slope = _with_slope(path, pulse, first_s, count)
-        left, slope = white - volts @ whitener.T, slope @ whitener.T
-        power = np.sum(slope**2, axis=1)
-        step_s = np.divide(np.sum(left * slope, axis=1), power, out=np.zeros(power.size), where=power > 0)
-        first_s += np.clip(step_s, -path.interval_s / 4, path.interval_s / 4)
-        if np.max(np.abs(step_s)) < _CLOSE * path.interval_s:
-            break
-    return first_s, (best > 0) & (best < offsets_s.size - 1)
-
-
-def _with_slope(
-    path: Path, pulse: SampledPulse, first_s: NDArray[np.float64], count: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Predictions, V, and their change with the time of the first sample, V/s."""
-    little_s = 1e-3 * path.interval_s
-    places_s = np.concatenate([first_s, first_s + little_s, first_s - little_s])
-    volts, later, sooner = np.split(path.volts(pulse, places_s, count), 3)
-    return volts, (later - sooner) / (2 * little_s)
+def _seen(predicted: NDArray[np.float64], windows: NDArray[np.float64], *, each: bool) -> tuple[float, float]:
+    """What a matched filter finds and what it should: mean square in each window, or that of all at once."""
+    energy, matched = np.sum(predicted**2, axis=1), np.sum(predicted * windows, axis=1)
+    if not each:
+        total = float(energy.sum())
+        return (float(matched.sum()) ** 2 / total if total else 0.0), total
+    seen = energy > 0
+    return float(np.sum(matched[seen] ** 2 / energy[seen]) / energy.size), float(energy.mean())
 
 
 def _nodes(first_s: NDArray[np.float64], count: int, interval_s: float) -> NDArray[np.float64]:
@@ -207,17 +159,20 @@ def _nodes(first_s: NDArray[np.float64], count: int, interval_s: float) -> NDArr
 class _Tests:
     """Whitened residuals r (m, n), and everything seen past what a delay of each window can take up."""
 
-    def __init__(self, residual: NDArray[np.float64], late: NDArray[np.float64]) -> None:
-        power = np.sqrt(np.sum(late**2, axis=1, keepdims=True))
-        self._late = np.divide(late, power, out=np.zeros(late.shape), where=power > 0)
+    def __init__(self, residual: NDArray[np.float64], late: NDArray[np.float64], spread_s: float) -> None:
+        power = np.sum(late**2, axis=1, keepdims=True)
+        # Root of the inverse of 1 + late late^T spread^2: with a free delay, all but the direction of `late`.
+        kept = np.sqrt(1 / (1 + power * spread_s**2)) if np.isfinite(spread_s) else np.zeros(power.shape)
+        size = np.sqrt(power)
+        self._late = np.divide(late, size, out=np.zeros(late.shape), where=size > 0)
+        self._taken = 1 - kept
         self._residual = self._past(residual)
         self.chi_square = float(np.sum(self._residual**2))
 
     def _past(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        taken: NDArray[np.float64] = columns - self._late * np.sum(
-            columns * self._late, axis=-1, keepdims=True
-        )
-        return taken
+        along = np.sum(columns * self._late, axis=-1, keepdims=True)
+        past: NDArray[np.float64] = columns - self._taken * self._late * along
+        return past
 
     def numbers(self, moved: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
         """Pulls, shape (p,), and chi-square at their price; `moved` (p, m, n) is for one uncertainty."""

@@ -103,6 +103,7 @@ def _tests(tested: Tested) -> dict[str, Any]:
     return {
         "reduced_chi_square": Estimate(tested.reduced, tested.level_u).as_json(),
         "degrees_of_freedom": fit.freedom,
+        "delays": "free" if fit.placement.is_free else "spread",
         "adjusted_chi_square": fit.adjusted,
         "pulls": {_NAMES.get(name, name): pull for name, pull in fit.pulls.items()},
         "shape_chi_square": fit.shape,

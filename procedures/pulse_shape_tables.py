@@ -9,8 +9,11 @@ import numpy as np
 from belahil.outcome import Table
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
+    from procedures.pulse_shape_fit import ShapeFit
     from procedures.pulse_shape_results import Compared
 
 
@@ -86,11 +89,11 @@ def _window_tables(found: Compared) -> dict[str, Table]:
         return {}
     longest = max(one.played.fit.residual_v.shape[1] for _, one in ones if one.played)
 
-    def padded(name: str) -> NDArray[Any]:
+    def padded(of: Callable[[ShapeFit], NDArray[np.float64]]) -> NDArray[Any]:
         rows = []
         for _, one in ones:
             assert one.played is not None
-            values = getattr(one.played.fit, name)
+            values = of(one.played.fit)
             rows.append(np.pad(values, ((0, 0), (0, longest - values.shape[1])), constant_values=np.nan))
         return np.ma.masked_invalid(np.concatenate(rows))
 
@@ -108,15 +111,19 @@ def _window_tables(found: Compared) -> dict[str, Table]:
             "sample of the window with which the comparison begins",
         ),
         "compared_start_s": (
-            np.concatenate([fit.first_s for fit in fits]),
+            np.concatenate([fit.placement.first_s for fit in fits]),
             "s",
             "found time of this sample on the time axis of the pulse",
         ),
     }
     many = {
-        "compared_predicted_v": (padded("predicted_v"), "V", "prediction at the converter"),
+        "compared_predicted_v": (
+            padded(lambda fit: fit.placement.predicted_v),
+            "V",
+            "prediction at the converter",
+        ),
         "compared_residual_v": (
-            padded("residual_v"),
+            padded(lambda fit: fit.residual_v),
             "V",
             "measured minus predicted, converter offsets removed",
         ),

@@ -223,7 +223,7 @@ def test_the_delays_are_those_of_a_brute_search(seed: int) -> None:
         total += found.fun
     assert fit.chi_square == pytest.approx(total, rel=1e-5)
     assert fit.freedom == 5 * 41
-    assert fit.within.all()
+    assert fit.placement.within.all()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -239,11 +239,11 @@ def test_moved_numbers_and_free_curve_are_those_of_dense_matrices(seed: int) -> 
     left = np.zeros(size)
     columns = np.zeros((size, 3))
     curve = np.zeros((size, 46))
-    start = fit.first_s.min()
+    start = fit.placement.first_s.min()
     for row in range(4):
         part = slice(42 * row, 42 * row + 42)
         dense[part, part] = np.linalg.inv(white.T @ white)
-        at = fit.first_s[row : row + 1]
+        at = fit.placement.first_s[row : row + 1]
         slope = (PATH.volts(bell(), at + 1e-12, 42) - PATH.volts(bell(), at - 1e-12, 42))[0] / 2e-12
         dense[part, part] += 1e-6**2 * np.outer(slope, slope)  # a microsecond: as good as unknown
         left[part] = volts[row] - PATH.volts(bell(), at, 42)[0]
@@ -279,6 +279,54 @@ def test_the_three_tests_have_the_laws_that_they_claim() -> None:
     # and no number moves by more than its uncertainty allows
     pulls = np.array([[*one.pulls.values()] for one in fits])
     assert np.all(pulls.var(axis=0) < 1.0)
+
+
+def faint(count: int, seed: int, peak_v: float) -> tuple[SampledPulse, ShapeFit]:
+    """Windows of a pulse that hides in their noise, fitted."""
+    rng = np.random.default_rng(seed)
+    noise = SampledNoise(POLES, 0, INTERVAL_S)
+    pulse = SampledPulse(bell().volts * (peak_v / 5e-3), 250e6, bell().start_s)
+    _, expected_s, white = measured(count, seed)
+    volts = PATH.volts(pulse, 20 * NS + INTERVAL_S * rng.random(count), 42)
+    volts += 0.8e-3 * np.stack([noise.draw(rng, 42) for _ in range(count)])
+    return pulse, fit_shape(PATH, UNCERTAIN, [pulse] * count, volts, expected_s, white)
+
+
+@pytest.mark.parametrize("peak_v", [0.2e-3, 0.5e-3, 0.9e-3])
+def test_pulses_that_hide_in_the_noise_are_judged_with_delays_about_a_common_one(peak_v: float) -> None:
+    # given 24 sets of windows with a pulse that no single window shows
+    fits = [faint(100, 300 + seed, peak_v)[1] for seed in range(24)]
+    assert not any(one.placement.is_free for one in fits)
+    # then the level has its degrees of freedom to five standard errors
+    freedom = 100 * 42 - 1
+    assert {one.freedom for one in fits} == {freedom}
+    level = np.mean([one.chi_square for one in fits])
+    assert abs(level - freedom) < 5 * math.sqrt(2 * freedom / 24)
+    # and so has the free curve, with a twentieth of its width for what is not linear in the delays
+    shapes = np.array([one.shape for one in fits])
+    curve = np.mean([one.shape_freedom for one in fits])
+    assert abs(shapes.mean() - curve) < 5 * math.sqrt(2 * curve / 24) + 0.05 * math.sqrt(2 * curve)
+    # and the common delay is right to what all windows tell
+    common = np.array([one.placement.common_s[0] - (20 * NS + INTERVAL_S / 2) for one in fits])
+    assert abs(common.mean()) < 5 * common.std(ddof=1) / math.sqrt(24) + 0.1 * NS
+    assert common.std() < INTERVAL_S / 4
+
+
+def test_delays_about_a_common_one_are_those_of_a_dense_covariance() -> None:
+    # given four windows of a faint pulse
+    pulse, fit = faint(4, 7, 0.4e-3)
+    place = fit.placement
+    white = measured(1, 7)[2]
+    # when the spread of the delays is put into one covariance, about the common delay, instead of the windows
+    total = 0.0
+    for row in range(4):
+        at = place.common_s[row : row + 1]
+        slope = (PATH.volts(pulse, at + 1e-12, 42) - PATH.volts(pulse, at - 1e-12, 42))[0] / 2e-12
+        dense = np.linalg.inv(white.T @ white) + INTERVAL_S**2 / 12 * np.outer(slope, slope)
+        left = place.predicted_v[row] + fit.residual_v[row] - PATH.volts(pulse, at, 42)[0]
+        total += float(left @ np.linalg.solve(dense, left))
+    # then chi-square is the same to what is not linear in the delays
+    assert fit.chi_square == pytest.approx(total, rel=2e-3)
 
 
 def test_each_test_sees_what_it_is_for() -> None:
