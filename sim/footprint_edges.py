@@ -56,22 +56,27 @@ def refined(
     RefusedInput
         More pixels than are allowed; the message has the error that is left.
     """
-    smooth, coarse = plan.spacing_error, samples(plan)
+    smooth, wanted_m = plan.spacing_error, plan.pixel_m
+    if 4 * plan.pixels > MOST_PIXELS:
+        # They can be tried as the halves of pixels twice as large.
+        plan = replace(plan, pixel_m=2 * plan.pixel_m, pixels=plan.pixels // 4)
+    coarse = samples(plan)
     while True:
         finer = replace(plan, pixel_m=plan.pixel_m / 2, pixels=4 * plan.pixels)
         if finer.pixels > MOST_PIXELS:
             raise RefusedInput(
-                f"tolerance {plan.tolerance:g} with an edge in the light on the ground: {plan.pixels} "
-                f"pixels, one every {plan.pixel_m:.3g} m, leave a predicted error of {plan.spacing_error:.2g}"
+                f"tolerance {plan.tolerance:g} with an edge or a kink in the light on the ground: "
+                f"{plan.pixels} pixels, one every {plan.pixel_m:.3g} m, leave a predicted error of "
+                f"{plan.spacing_error:.2g}"
             )
         fine = samples(finer)
         beside = samples(replace(plan, pixel_m=_BESIDE * plan.pixel_m))
         peak = float(np.abs(fine).max())
         moved = max(float(np.abs(fine - one).max()) for one in (coarse, beside))
         change = moved / peak if peak else 0.0
-        if _LEFT * change <= allowed:
+        if _LEFT * change <= allowed and plan.pixel_m <= wanted_m:
             return replace(plan, spacing_error=max(smooth, _LEFT * change))
-        finer = replace(finer, spacing_error=_LEFT_THEN * change)
+        finer = replace(finer, spacing_error=max(smooth, _LEFT_THEN * change))
         if finer.spacing_error <= allowed:
             return finer
         plan, coarse = finer, fine

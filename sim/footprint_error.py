@@ -33,6 +33,12 @@ if TYPE_CHECKING:
     from sim.kernel import Kernel
     from sim.laser import Laser
 
+_FINE_LOBES = 16
+"""Values in a lobe of an image's transform."""
+
+_EVERY_ROUND = math.pi**2 / 6
+"""1 + 1/4 + 1/9 + ...: rounds of a grid, where a transform falls with the square."""
+
 
 def spacing_error(
     kernel: Kernel,
@@ -143,20 +149,26 @@ def curvature_error(
 
 
 def beam_transform(laser: Laser, altitude_m: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return the magnitude of a beam's transform against cycles a metre, 1 at 0, in its worst direction."""
+    """Return the magnitude of a beam's transform against cycles a metre, 1 at 0, in its worst direction.
+
+    That of an image has the kinks between its pixels: it falls as 1 / k^2, with zeros at the multiples of one
+    turn a pixel, where steps of a pixel's whole fraction would miss nothing. Beyond half a turn it is
+    therefore a hull of all such, and of all further rounds of the grid of steps.
+    """
     if laser.beam != "image":
         narrow_m = beam_sigma_m(laser, altitude_m)[1]
         return lambda cycles: np.asarray(np.exp(-2 * (np.pi * narrow_m * cycles) ** 2))
     image = beam_image(laser)
-    pixel_m = image.pixel_rad * altitude_m
+    pixel_m, side = image.pixel_rad * altitude_m, max(image.pixels.shape)
+    rows = [image.pixels.sum(axis=axis) / image.pixels.sum() for axis in (0, 1)]
+    level = np.max([np.abs(np.fft.rfft(row, 2 * _FINE_LOBES * side)) for row in rows], axis=0)
+    turns = np.linspace(0, 0.5, level.size)
+    tail = _EVERY_ROUND * float((level * np.sin(np.pi * turns) ** 2).max()) / np.pi**2
 
     def magnitude(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
-        sides = []
-        for axis in (0, 1):
-            share = image.pixels.sum(axis=axis) / image.pixels.sum()
-            phases = np.exp(-2j * np.pi * pixel_m * np.multiply.outer(cycles, np.arange(share.size)))
-            sides.append(np.abs(phases @ share))
-        return np.asarray(np.maximum(*sides) * np.sinc(cycles * pixel_m) ** 2)
+        round_pixel = np.abs(cycles) * pixel_m
+        near = np.interp(round_pixel, turns, level) * np.sinc(round_pixel) ** 2
+        return np.where(round_pixel <= 0.5, near, tail / np.maximum(round_pixel, 0.5) ** 2)
 
     return magnitude
 
