@@ -11,33 +11,26 @@ wavefront (a slope of as many radians as it wanders).
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from belahil.errors import RefusedInput
-from belahil.pole_response import SampledNoise
 from sim.chain_light import lasting_s
-from sim.chain_noise import PoleFilter, ShotNoise, StationaryNoise
+from sim.chain_noise import PoleFilter
 from sim.draws import Draws
 from sim.echo import GridEcho
-from sim.keyed import KeyedDraws, first_normals, first_uniforms, loops
-from sim.light_noise import shot_noise_density, white_step_rms_v
+from sim.keyed import loops
 from sim.receiver_model import small_signal_effects
-from sim.reference import polyphase
 from sim.relief_tiles import ReliefTiles
+from sim.rows_noise import RowNoise, steps_between
 from sim.terrain_grid import Grid
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from sim.chain import Chain
-
-_MOVES = 1024
-"""Places in a stored window of noise at which a shot's window may begin."""
 
 _GENERATORS = ("keyed", "numpy")
 
@@ -106,34 +99,19 @@ class ShotRows:
             raise RefusedInput(f"generator {generator!r}: allowed are {', '.join(_GENERATORS)}")
         if pool_windows < 0:
             raise RefusedInput(f"a pool of {pool_windows} windows: 0 (no pool) or more are allowed")
-        scene, plan = chain.scene, chain.plan
+        scene = chain.scene
         self._chain, relief = chain, _relief(chain)
-        self._pool_windows, self._generator = pool_windows, generator
         self._interval_s = chain.receiver.grid.interval_s
         # The range finder counts in nominal intervals.
         self._true_interval = self._interval_s / chain.receiver.spec.sample_interval_s
-        place = (scene.laser, scene.altitude_m, plan)
+        place = (scene.laser, scene.altitude_m, chain.plan)
         self._echo = GridEcho(chain.surface, *place, chain.kernel, self._interval_s, 1)
-        self._shot_noise: ShotNoise | None = None
-        self._stationary: list[tuple[str, float, SampledNoise]] = []
         self._gain, mismatch = scene.gain, scene.truth.interleave
         self._factors = (1 + mismatch.gain / 2, 1 - mismatch.gain / 2)
         self._offsets_v = (mismatch.offset_v / 2, -mismatch.offset_v / 2)
-        dark_v = scene.truth.noise_rms_v_by_code[_index(chain)]
-        if dark_v:
-            unit = SampledNoise(chain.receiver.poles, chain.receiver.zeros, self._interval_s)
-            self._stationary.append(("noise", dark_v, unit))
-        for noise in chain.light_noise:
-            if isinstance(noise, ShotNoise):
-                self._shot_noise = noise
-                # Bins no longer than planned, and a whole number of them in a step of the noise.
-                bin_s = noise.step_s / max(1, math.ceil(noise.step_s / plan.bin_s - 1e-9))
-                finer = (scene.laser, scene.altitude_m, replace(plan, bin_s=bin_s))
-                self._light = GridEcho(chain.surface, *finer, chain.light_kernel, noise.step_s, 1)
-            else:
-                self._stationary.append(_light_source(noise, scene.gain, self._interval_s))
         self._small = small_signal_effects(scene.truth)
-        if self._small and len(self._stationary) > bool(dark_v):
+        self._noise = RowNoise(chain, pool_windows, generator)
+        if self._small and self._noise.has_light:
             raise RefusedInput("rows of shots: sunlight before a small-signal effect needs Chain.candidates")
         self._tiles = ReliefTiles(relief)
 
@@ -181,23 +159,23 @@ class ShotRows:
         saturated: NDArray[np.int64],
     ) -> NDArray[np.float64]:
         chain, laser = self._chain, self._chain.scene.laser
-        first_s = self._uniforms(shots, "sampling_phase") * self._interval_s - chain.gate_s
+        first_s = self._noise.uniforms(shots, "sampling_phase") * self._interval_s - chain.gate_s
         centres_m = places_m
         if any(laser.jitter_rad):
-            wandered = self._normals(shots, "pointing", 2) * np.array(laser.jitter_rad)
+            wandered = self._noise.normals(shots, "pointing", 2) * np.array(laser.jitter_rad)
             centres_m = places_m + chain.scene.altitude_m * np.tan(wandered)
         energy = np.ones(shots.size)
         if laser.energy_jitter:
-            energy += laser.energy_jitter * self._normals(shots, "energy", 1)[:, 0]
+            energy += laser.energy_jitter * self._noise.normals(shots, "energy", 1)[:, 0]
         early_s, late_s = self._tiles.spread_s(centres_m, chain.plan.radius_m, chain.scene.altitude_m)
         size = chain.receiver.spec.max_sample_count
-        low, high = self._between(lasting_s(chain.kernel), early_s, late_s, first_s, self._interval_s)
+        low, high = steps_between(lasting_s(chain.kernel), early_s, late_s, first_s, self._interval_s)
         width = int((high - low).max())
         volts, lit = self._echo.samples(centres_m, first_s + low * self._interval_s, width)
         volts *= energy[:, None]
-        if self._shot_noise is not None:
-            self._add_shot_noise(volts, low, (early_s, late_s), centres_m, first_s, energy, shots)
-        pooled = self._places_in_pool(shots)
+        if self._noise.shot_noise is not None:
+            self._noise.add_shot_noise(volts, low, (early_s, late_s), centres_m, first_s, energy, shots)
+        pooled = self._noise.places_in_pool(shots)
         for k in range(shots.size):
             for effect in self._small:
                 effect(volts[k], Draws(chain.scene.seed, int(shots[k])))
@@ -212,62 +190,18 @@ class ShotRows:
             rows[k, : len(found), 0] += first_s[k]
         return lit
 
-    def _draws(self, shot: int) -> KeyedDraws | Draws:
-        seed = self._chain.scene.seed
-        return KeyedDraws(seed, shot) if self._generator == "keyed" else Draws(seed, shot)
-
-    def _uniforms(self, shots: NDArray[np.int64], effect: str) -> NDArray[np.float64]:
-        if self._generator == "keyed":
-            return first_uniforms(self._chain.scene.seed, shots, effect)
-        return np.array([self._draws(int(shot)).uniform(effect) for shot in shots])
-
-    def _normals(self, shots: NDArray[np.int64], effect: str, count: int) -> NDArray[np.float64]:
-        if self._generator == "keyed":
-            return first_normals(self._chain.scene.seed, shots, effect, count)
-        return np.array([self._draws(int(shot)).normals(effect, 0, count) for shot in shots])
-
-    def _places_in_pool(self, shots: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Which stored window each shot takes, and from which sample on, shape (n, 2)."""
-        places = np.zeros((shots.size, 2), dtype=np.int64)
-        if self._pool_windows:
-            places[:, 0] = self._uniforms(shots, "pool window") * self._pool_windows
-            places[:, 1] = self._uniforms(shots, "pool place") * (_MOVES + 1)
-        return places
-
     @property
     def noise(self) -> str:
         """Where the stationary noise comes from."""
-        if not self._stationary:
-            return "none"
-        if self._pool_windows:
-            return f"pool of {self._pool_windows} windows, shared by the shots"
-        return "independent for each shot"
-
-    @cached_property
-    def _pool(self) -> list[NDArray[np.float32]]:
-        size = self._chain.receiver.spec.max_sample_count + _MOVES
-        return [self._drawn(number, size, "pool ") for number in range(self._pool_windows)]
-
-    def _drawn(self, shot: int, size: int, prefix: str = "") -> NDArray[np.float32]:
-        """Stationary noise at the converter."""
-        draws, noise = self._draws(shot), None
-        for effect, rms_v, unit in self._stationary:
-            drawn = draws.coloured(prefix + effect, unit, size)
-            drawn *= np.float32(rms_v)
-            noise = drawn if noise is None else noise + drawn
-        return np.zeros(size, dtype=np.float32) if noise is None else noise
+        return self._noise.source
 
     def _window(
         self, shot: int, place: NDArray[np.int64], echo_v: NDArray[np.float64], begin: int, size: int
     ) -> tuple[NDArray[np.float64], int]:
         """Digitized volts of a whole window."""
-        if self._pool_windows and self._stationary:
-            noise = self._pool[place[0]][place[1] :][:size]
-        else:
-            noise = self._drawn(shot, size)
         quantizer = self._chain.receiver.quantizer
         return loops().digitized(
-            noise,
+            self._noise.stationary(shot, place, size),
             echo_v,
             begin,
             self._factors,
@@ -275,47 +209,6 @@ class ShotRows:
             quantizer.volts_per_count,
             quantizer.bits,
         )
-
-    def _add_shot_noise(
-        self,
-        volts: NDArray[np.float64],
-        low: NDArray[np.int64],
-        spread_s: tuple[NDArray[np.float64], NDArray[np.float64]],
-        centres_m: NDArray[np.float64],
-        first_s: NDArray[np.float64],
-        energy: NDArray[np.float64],
-        shots: NDArray[np.int64],
-    ) -> None:
-        """Add it to rows of input-referred volts that begin at sample `low`."""
-        noise = self._shot_noise
-        assert noise is not None
-        begin, end = self._between(lasting_s(self._chain.light_kernel), *spread_s, first_s, noise.step_s)
-        width = int((end - begin).max())
-        rates, lit = self._light.samples(centres_m, first_s + begin * noise.step_s, width)
-        np.maximum(rates, 0.0, out=rates)
-        photons, counted = self._chain.light_kernel.gain * lit * energy, rates.sum(axis=1) * noise.step_s
-        rates *= np.divide(photons, counted, out=np.zeros_like(counted), where=counted > 0)[:, None]
-        rms_v = white_step_rms_v(shot_noise_density(noise.detector, rates), noise.step_s)
-        first, taps = noise.taps
-        for k in range(shots.size):
-            draws = self._draws(int(shots[k]))
-            # With keyed numbers found by the step in the window: a longer row draws the same.
-            white = rms_v[k] * draws.normals("shot_noise", int(begin[k]), width)
-            offset = int(low[k]) * noise.steps - int(begin[k]) - first
-            volts[k] += polyphase(white, taps, offset, noise.steps, volts.shape[1])
-
-    def _between(
-        self,
-        response_s: tuple[float, float],
-        early_s: NDArray[np.float64],
-        late_s: NDArray[np.float64],
-        first_s: NDArray[np.float64],
-        step_s: float,
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Steps from a window's first sample between which the response to some light lies."""
-        low = np.floor((early_s + response_s[0] - first_s) / step_s).astype(np.int64)
-        high = np.ceil((late_s + response_s[1] - first_s) / step_s).astype(np.int64) + 1
-        return low, high
 
 
 def _relief(chain: Chain) -> Grid:
@@ -332,12 +225,3 @@ def _relief(chain: Chain) -> Grid:
             raise RefusedInput(f"rows of shots: {why} needs Chain.candidates")
     assert isinstance(chain.surface.relief, Grid)
     return chain.surface.relief
-
-
-def _index(chain: Chain) -> int:
-    codes = chain.receiver.spec.gain_codes
-    return codes.index(chain.scene.gain_code) if codes else 0
-
-
-def _light_source(noise: StationaryNoise, gain: float, interval_s: float) -> tuple[str, float, SampledNoise]:
-    return noise.effect, gain * noise.rms_v, noise.passed.noise(interval_s)  # type: ignore[return-value]

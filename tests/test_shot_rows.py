@@ -76,7 +76,7 @@ def test_the_light_of_rows_is_the_chains_at_every_tolerance(tolerance):
     light = chain.optical(chain.lit())
     begin_s, end_s = light.span_s
     count = math.ceil((end_s - begin_s) / step_s)
-    ours = rows._light.samples(np.zeros((1, 2)), np.array([begin_s]), count)[0][0]
+    ours = rows._noise.light.samples(np.zeros((1, 2)), np.array([begin_s]), count)[0][0]
     theirs = light.photon_rate_hz(begin_s, step_s, count)
     # Then they agree where bins are fine, and in the photons at any tolerance
     assert ours.sum() == pytest.approx(theirs.sum(), rel=1e-3)
