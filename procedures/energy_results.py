@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from sim.scene import Scene
 
 INTEGRALS = ("gaussian", "window")
+_LEAST_FREEDOM = 2.5
+"""Below it the mean of the square of Student's t has no value, or none that says anything."""
 _ROUNDING = 1e-5
 """Relative; keeps a covariance without noise invertible."""
 
@@ -204,8 +206,9 @@ class EnergyResults:
         left = np.bincount(member, share * ratio) / expected[there] - 1
         by_cutoff = shifted[there] / expected[there] - 1
         # The wobble with the sampling phase is known, where few points do not tell their scatter.
-        wobble = _spreads(fit, name, self.played)[there] ** 2 * np.bincount(member, share**2)
-        spread = np.maximum(mean_variances(ratio, share, member), wobble)
+        each = np.bincount(member, share**2)
+        wobble = _spreads(fit, name, self.played)[there] ** 2 * each
+        spread = np.maximum(_widened(mean_variances(ratio, share, member), each), wobble)
         covariance = (
             np.diag(spread + _ROUNDING**2) + self.scale_relative**2 + np.multiply.outer(by_cutoff, by_cutoff)
         )
@@ -274,6 +277,16 @@ def published_deviation(fit: EnergyFit, name: str) -> Estimate:
     ratios = fit.ratios * scale
     worst = int(np.argmax(np.abs(ratios - 1)))
     return Estimate(float(ratios[worst] - 1), float(fit.ratio_u[worst] * scale[worst]))
+
+
+def _widened(variances: NDArray[np.float64], each: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Variances of means for a chi-square, where they were estimated from few points themselves.
+
+    The square of Student's t with n degrees of freedom has the mean n / (n - 2), n + 1 being the number of
+    equal points that have the same sum of squared weights, `each`.
+    """
+    freedom = np.maximum(1 / each - 1, _LEAST_FREEDOM)
+    return np.asarray(variances * freedom / (freedom - 2))
 
 
 def _mean_ratios(fit: EnergyFit, name: str, pulses: list[EnergyPoints]) -> NDArray[np.float64]:

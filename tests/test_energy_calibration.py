@@ -135,6 +135,30 @@ def test_a_filter_keeps_areas_so_the_window_tells_the_energy_of_any_receiver(
         assert agreement["chi_square"] < 22  # 1 in 2000 by chance
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_stated_uncertainties_cover() -> None:
+    expected = energy_per_volt_second(load_scene("fractal")) / 5.19
+    pulls, chi_squares = [], []
+    for seed in range(300, 340):
+        config = bench_with(seed)
+        results = found(config, replace(QUICK, receiver=known(config))).results
+        slope, offset = (
+            Estimate(**results["measured"]["window"][one]) for one in ("slope", "intercept_by_slope")
+        )
+        pulls.append(
+            [
+                (slope.value - expected) / slope.standard_uncertainty,
+                offset.value / offset.standard_uncertainty,
+            ]
+        )
+        chi_squares.append([results["agreement"][name]["chi_square"] for name in ("gaussian", "window")])
+    # 40 runs: the width of pulls to 11 %, their mean to 0.16; five widths in each chi-square, to 0.5
+    assert np.all(np.abs(np.std(pulls, axis=0) - 1) < 0.33)
+    assert np.all(np.abs(np.mean(pulls, axis=0)) < 0.48)
+    np.testing.assert_allclose(np.mean(chi_squares, axis=0), 5, atol=1.7)
+
+
 def test_another_filter_than_the_known_one_is_found_out() -> None:
     config = bench_with(5, cutoff_hz=15e6)
 
