@@ -206,7 +206,7 @@ class EnergyResults:
         left = np.bincount(member, share * ratio) / expected[there] - 1
         by_cutoff = shifted[there] / expected[there] - 1
         # The wobble with the sampling phase is known, where few points do not tell their scatter.
-        each = np.bincount(member, share**2)
+        each = np.bincount(member, share**2).astype(np.float64)
         wobble = _spreads(fit, name, self.played)[there] ** 2 * each
         spread = np.maximum(_widened(mean_variances(ratio, share, member), each), wobble)
         covariance = (
