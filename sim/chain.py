@@ -23,7 +23,7 @@ from belahil.config import Interleave
 from belahil.errors import ConfigError
 from belahil.values import RangeWindow, Waveform, WindowRequest, check_whole
 from sim.accuracy import Accuracy
-from sim.chain_light import Illumination, Lit, OpticalEcho, span_s
+from sim.chain_light import Illumination
 from sim.chain_noise import (
     Filter,
     GaussianFilter,
@@ -41,6 +41,7 @@ from sim.echo import echo, posts_error
 from sim.kernel import Kernel
 from sim.laser import pulse_shape
 from sim.light_noise import background_density
+from sim.optical_echo import Lit, OpticalEcho, span_s
 from sim.receiver_model import ReceiverModel
 from sim.selection import select
 from sim.terrain_build import build_surface

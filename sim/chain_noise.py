@@ -27,10 +27,10 @@ from sim.reference import polyphase
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sim.chain_light import OpticalEcho
     from sim.detector import Detector
     from sim.draws import Draws
     from sim.kernel import Kernel
+    from sim.optical_echo import OpticalEcho
 
 STEPS = 16
 """Draws in a sample interval, where nothing else decides. The spectrum behind the filter is exact for any

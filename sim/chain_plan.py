@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 from belahil.uncertainty import sized
-from sim.chain_light import lasting_s
 from sim.chain_noise import ShotNoise
+from sim.optical_echo import lasting_s
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

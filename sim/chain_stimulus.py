@@ -11,11 +11,11 @@ import numpy as np
 from belahil.errors import RefusedInput
 from belahil.stimuli import NoSignal, SampledPulse
 from belahil.uncertainty import sized
-from sim.chain_light import span_s
 from sim.chain_noise import StationaryNoise
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.detector import tia_poles, volts_per_photon_rate
 from sim.draws import Draws
+from sim.optical_echo import span_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from belahil.pole_response import SampledNoise
-from sim.chain_light import lasting_s
 from sim.chain_noise import ShotNoise, StationaryNoise
 from sim.draws import Draws
 from sim.echo import GridEcho
 from sim.keyed import KeyedDraws, first_normals, first_uniforms
 from sim.light_noise import shot_noise_density, white_step_rms_v
+from sim.optical_echo import lasting_s
 from sim.reference import polyphase
 
 if TYPE_CHECKING:

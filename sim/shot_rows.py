@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from belahil.errors import RefusedInput
-from sim.chain_light import lasting_s
 from sim.chain_noise import PoleFilter
 from sim.draws import Draws
 from sim.echo import GridEcho
 from sim.keyed import loops
+from sim.optical_echo import lasting_s
 from sim.receiver_model import small_signal_effects
 from sim.relief_tiles import ReliefTiles
 from sim.rows_noise import RowNoise, steps_between
