@@ -39,6 +39,15 @@ def searched(seed: int, spec: ReceiverSpec = BELA_GRM, samples: int = 1500) -> R
 seeds = st.integers(0, 10**6)
 
 
+@given(seeds)
+@settings(max_examples=20)
+def test_loops_that_round_otherwise_find_the_same(seed: int) -> None:
+    # Given what the compiled loops report, where numba is there, and the plain ones that search again
+    plain = replace(FINDERS["bela-grm"], compiled=False)
+    found = compare(searched(seed), plain, Tolerances(1e-15, 1e-9, 1e-9))
+    assert found.status == "ok"
+
+
 def changed(window: RangeWindow, place: int, **words: object) -> RangeWindow:
     candidates = list(window.candidates)
     candidates[place] = replace(candidates[place], **words)  # type: ignore[arg-type]
