@@ -52,7 +52,6 @@ def _parity(found: Findings) -> dict[str, Any]:
     pairs = [pair for row in rows for pair in row.pairs]
     largest = [max((abs(pair[at]) for pair in pairs), default=None) for at in range(4)]
     return {
-        "status": found.status,
         "windows": len(found.windows),
         "compared": len(rows),
         "agreeing": found.agreeing,
