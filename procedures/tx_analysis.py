@@ -25,6 +25,7 @@ from procedures.tx_families import (
     fit_families,
     interval,
 )
+from procedures.tx_joint import JointFit, joint_fit
 from procedures.tx_misfit import Misfit, misfit
 from procedures.tx_response import HIGHEST, CutResponses
 from procedures.tx_terms import NORMAL_95, ModelTerm, model_terms, threshold_bound
@@ -78,6 +79,8 @@ class TxFound:
         Gaussian fits.
     terms : list of ModelTerm
         What the assumptions add.
+    joint : JointFit
+        Threshold with cut-off and pulse free within their uncertainties.
     misfit : Misfit
         Test for what the hard cut leaves.
     reduced_chi_square : float
@@ -109,6 +112,7 @@ class TxFound:
     families: dict[Family, FamilyFit]
     family_centres_s: dict[Family, float | None]
     terms: list[ModelTerm]
+    joint: JointFit
     misfit: Misfit
     reduced_chi_square: float
     freedom: int
@@ -197,6 +201,7 @@ def analysed(
             for name, one in families.items()
         },
         terms=terms,
+        joint=joint_fit(windows, pulse, receiver, hard),
         misfit=left,
         reduced_chi_square=square / freedom,
         freedom=freedom,

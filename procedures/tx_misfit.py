@@ -19,9 +19,10 @@ import numpy as np
 
 from belahil.values import Estimate
 from procedures.tx_families import FamilyFit
-from procedures.tx_likelihood import PHASES, PulseLikelihood
+from procedures.tx_likelihood import PulseLikelihood
 from procedures.tx_pulse import OpticalPulse
 from procedures.tx_response import HIGHEST, CutResponses
+from procedures.tx_score import score_of, threshold_slope
 from procedures.tx_terms import TRIED_HZ
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def misfit(
     from scipy.stats import chi2
 
     names, sizes, moved = _departures(windows, pulse, receiver, responses, best)
-    score, information = _score(windows, best, moved)
+    score, information = score_of(windows, best, moved)
     # The first row is the threshold, which the fit has used already.
     taken = information[1:, 0] / information[0, 0] if information[0, 0] > 0 else np.zeros(len(names))
     score = score[1:] - taken * score[0]
@@ -154,7 +155,6 @@ def _departures(
 
     cutoff, corner_hz = receiver.cutoff, receiver.highpass_hz + TRIED_HZ
     own = pulse.pulse()
-    low, high = max(threshold - 1e-3, 0.0), min(threshold + 1e-3, HIGHEST)
     rows = [
         ("cutoff", _CUTOFF * cutoff.value,
          by(own, replace(receiver, cutoff=Estimate((1 + _CUTOFF) * cutoff.value, 0.0, "Hz")))),
@@ -166,7 +166,7 @@ def _departures(
          - responses.hard(min(threshold, HIGHEST - _WIDTH / 2))),
         *(("bump", _BUMP, one) for one in _bumps(own, threshold, receiver, times_s)),
     ]  # fmt: skip
-    moved = [(responses.exact(high) - responses.exact(low)) / (high - low), *(row[2] for row in rows)]
+    moved = [threshold_slope(responses, threshold), *(row[2] for row in rows)]
     return [row[0] for row in rows], [row[1] for row in rows], moved
 
 
@@ -184,26 +184,3 @@ def _bumps(
             light = OpticalPulse(own.first_s, own.step_s, own.relative * _BUMP * np.exp(-0.5 * away**2))
         found.append(CutResponses(light, receiver.poles, receiver.zeros, times_s).between(passed))
     return found
-
-
-def _score(
-    windows: PulseLikelihood, best: FamilyFit, moved: list[NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Score and information of departures, amplitude and arrival of every window taken out."""
-    fits = windows.fit(best.response)
-    near = np.clip(np.rint(fits.arrival * PHASES).astype(np.intp) + PHASES, 1, 3 * PHASES - 1)
-    score, information = np.zeros(len(moved)), np.zeros((len(moved), len(moved)))
-    for odd in (False, True):
-        mine = windows.odd == odd if windows.skew_s else np.full(len(windows), not odd)
-        if not mine.any():
-            continue
-        shape = windows.templates(best.response, odd)
-        free, _ = np.linalg.qr(np.stack([shape, np.gradient(shape, axis=0)], axis=2))
-        each = np.stack([windows.templates(one, odd) for one in moved], axis=1)
-        # Rows: arrivals of the grid, departures, samples.
-        each = each - np.einsum("gkp,gdp->gdk", free, np.einsum("gkp,gdk->gdp", free, each))
-        amplitude, at = fits.amplitude_v[mine], near[mine]
-        score += np.einsum("n,ndk,nk->d", amplitude, each[at], windows.white[mine])
-        square = np.einsum("gdk,gek->gde", each, each)
-        information += np.einsum("n,nde->de", amplitude**2, square[at])
-    return score, information

@@ -164,6 +164,11 @@ def _results(
         "families": _families(found),
         "preferred_family": found.preferred,
         "families_that_fit": found.that_fit,
+        "joint": {
+            "status": found.joint.status,
+            "threshold": None if found.joint.threshold is None else found.joint.threshold.as_json(),
+            "cutoff": None if found.joint.cutoff is None else found.joint.cutoff.as_json(),
+        },
         "misfit": _misfit(found),
         "reduced_chi_square": found.reduced_chi_square,
         "model_terms": [

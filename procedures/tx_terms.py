@@ -24,9 +24,10 @@ import numpy as np
 
 from belahil.values import Estimate
 from procedures.tx_families import FamilyFit, fit_hard
-from procedures.tx_likelihood import PHASES, PulseLikelihood
+from procedures.tx_likelihood import PulseLikelihood
 from procedures.tx_pulse import BEND_S
-from procedures.tx_response import HIGHEST, CutResponses
+from procedures.tx_response import CutResponses
+from procedures.tx_score import score_of, threshold_slope
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,7 +42,6 @@ SHOWS = 12.0
 TRIED_HZ = 20e3
 """Corner of the AC coupling that is tried where none is known; effects are linear in it to some 100 kHz."""
 
-_STEP = 2e-3
 _FAINT = 1e-2
 """Of the peak, below which nothing that passes moves a threshold."""
 NORMAL_95 = 1.959963984540054
@@ -102,29 +102,9 @@ def threshold_bound(windows: PulseLikelihood, responses: CutResponses, best: Fam
     float
         Standard deviation, of the peak; infinite where the windows do not depend on the threshold.
     """
-    information = float(np.sum(window_information(windows, responses, best)))
-    return 1 / math.sqrt(information) if information > 0 else math.inf
-
-
-def window_information(
-    windows: PulseLikelihood, responses: CutResponses, best: FamilyFit
-) -> NDArray[np.float64]:
-    """Return the information of each window on a hard threshold, shape (n,)."""
     assert best.threshold is not None
-    fits = windows.fit(best.response)
-    low, high = max(best.threshold - _STEP, 0.0), min(best.threshold + _STEP, HIGHEST)
-    change = (responses.exact(high) - responses.exact(low)) / (high - low)
-    near = np.clip(np.rint(fits.arrival * PHASES).astype(np.intp) + PHASES, 1, 3 * PHASES - 1)
-    total = np.empty(len(windows))
-    for odd in (False, True):
-        mine = windows.odd == odd if windows.skew_s else np.full(len(windows), not odd)
-        shape, moved = windows.templates(best.response, odd), windows.templates(change, odd)
-        own = np.stack([shape[near[mine]], np.gradient(shape, axis=0)[near[mine]]], axis=2)
-        free, _ = np.linalg.qr(own)
-        seen = moved[near[mine]]
-        left = seen - np.einsum("nkp,np->nk", free, np.einsum("nkp,nk->np", free, seen))
-        total[mine] = fits.amplitude_v[mine] ** 2 * np.einsum("nk,nk->n", left, left)
-    return total
+    _, information = score_of(windows, best, [threshold_slope(responses, best.threshold)])
+    return 1 / math.sqrt(information[0, 0]) if information[0, 0] > 0 else math.inf
 
 
 def model_terms(
@@ -179,13 +159,13 @@ def model_terms(
     ends = (-NORMAL_95, NORMAL_95)
     fall, rise, cutoff = pulse.fall_relative, pulse.rise_relative, receiver.cutoff.standard_uncertainty
     found = [
-        term("cutoff", cutoff, "Hz", [changed(own, _with_cutoff(receiver, end)) for end in ends]),
+        term("cutoff", cutoff, "Hz", [changed(own, with_cutoff(receiver, end)) for end in ends]),
         term("fall", fall, "1", [changed(pulse.pulse(fall=1 + end * fall), receiver) for end in ends]),
         term("rise", rise, "1", [changed(pulse.pulse(rise=1 + end * rise), receiver) for end in ends]),
     ]
     if pulse.shape_relative:
         size = NORMAL_95 * pulse.shape_relative
-        each = [changed(own.bent(at_s, size), receiver) for at_s in _bends_s(own, best.threshold)]
+        each = [changed(own.bent(at_s, size), receiver) for at_s in bends_s(own, best.threshold)]
         found.append(_joined("shape", pulse.shape_relative, each))
     if receiver.highpass is not None:
         size, corner_hz = receiver.highpass.standard_uncertainty, receiver.highpass_hz
@@ -208,8 +188,8 @@ class _Changed:
     gain: float
 
 
-def _bends_s(pulse: OpticalPulse, threshold: float) -> NDArray[np.float64]:
-    """Times at which an error of the power moves a threshold, s: from before the passed light to after it."""
+def bends_s(pulse: OpticalPulse, threshold: float) -> NDArray[np.float64]:
+    """Return times at which an error of the power moves a threshold, s: all round what passes."""
     passed = pulse.above(max(threshold, _FAINT))
     return np.arange(passed[0][0] - BEND_S / 2, passed[-1][1] + BEND_S, BEND_S)
 
@@ -223,7 +203,8 @@ def _joined(source: str, size: float, each: list[_Changed]) -> ModelTerm:
     return ModelTerm(source, size, "1", (-threshold, threshold), both, min(one.gain for one in each))
 
 
-def _with_cutoff(receiver: KnownReceiver, by: float) -> KnownReceiver:
+def with_cutoff(receiver: KnownReceiver, by: float) -> KnownReceiver:
+    """Return a receiver whose cut-off is off by so many of its standard uncertainties."""
     cutoff = receiver.cutoff
     moved_hz = cutoff.value + by * cutoff.standard_uncertainty
     return replace(receiver, cutoff=Estimate(moved_hz, cutoff.standard_uncertainty, "Hz"))

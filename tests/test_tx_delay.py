@@ -117,6 +117,22 @@ def test_the_uncertainty_of_the_cutoff_dominates_unless_it_was_measured() -> Non
     assert (first.quantity, first.source) == ("threshold", "cutoff")
 
 
+@pytest.mark.parametrize("off", [-0.006, 0.006])
+def test_a_joint_fit_finds_a_cutoff_that_was_told_wrong(off: float) -> None:
+    # Given windows of a cut-off that is told 0.6 % wrong, as its uncertainty of 1 % allows
+    known = receiver(19e6 * (1 + off), relative=0.01)
+    results = analysed(replace(TRUTH, snr=80.0).shots(200, 4), receiver=known)
+    hard, joint = results["threshold"]["value"], results["joint"]["threshold"]
+    # Then the best cut is a point wrong and says that it may be; the joint fit is right, and sure of it
+    assert abs(hard - 0.2) > 0.008
+    assert results["threshold_interval"]["low"] < 0.2 < results["threshold_interval"]["high"]
+    assert joint["standard_uncertainty"] < 0.5 * results["threshold"]["standard_uncertainty"]
+    assert joint["value"] == pytest.approx(0.2, abs=3 * joint["standard_uncertainty"])
+    cutoff = results["joint"]["cutoff"]
+    assert cutoff["value"] == pytest.approx(19e6, abs=3 * cutoff["standard_uncertainty"])
+    assert cutoff["standard_uncertainty"] < 0.5 * 190e3
+
+
 @pytest.mark.slow
 def test_a_free_baseline_gives_the_same_threshold_within_noise() -> None:
     truth = hidden(tail_s=8e-9)

@@ -106,6 +106,11 @@ def test_random_truths_come_back_to_a_point_where_the_bound_allows_it() -> None:
     assert np.sqrt(np.mean((error / bound) ** 2)) < 1.2
 
 
+def _joint_pull(made: TxFound, one: Case) -> float:
+    joint = made.joint.threshold
+    return np.inf if joint is None else (joint.value - one.truth.threshold) / joint.standard_uncertainty
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3000)
 def test_the_interval_covers_and_wrong_shapes_are_told() -> None:
@@ -126,9 +131,10 @@ def test_the_interval_covers_and_wrong_shapes_are_told() -> None:
                 late.low <= one.delay_s <= late.high,
                 made.misfit.shows or "other_family" in made.statuses,
                 (threshold.value - one.truth.threshold) / threshold.standard_uncertainty,
+                _joint_pull(made, one),
             )
         )
-    outside, gain, covered, delay_covered, told, pull = map(np.array, zip(*rows, strict=True))
+    outside, gain, covered, delay_covered, told, pull, joint = map(np.array, zip(*rows, strict=True))
     small = gain <= SHOWS
     counted = ~outside | small
     print(
@@ -136,9 +142,13 @@ def test_the_interval_covers_and_wrong_shapes_are_told() -> None:
         f"{told[outside & ~small].mean():.0%} told. Of {counted.sum()} others the interval covers "
         f"{covered[counted].mean():.1%} of thresholds and {delay_covered[counted].mean():.1%} of delays "
         f"(outside, gain below 12: {covered[outside & small].mean():.0%} of {(outside & small).sum()}); "
-        f"rms pull {np.sqrt(np.mean(pull[counted] ** 2)):.2f}"
+        f"rms pull {np.sqrt(np.mean(pull[counted] ** 2)):.2f}, of the joint fit "
+        f"{np.sqrt(np.mean(joint[counted] ** 2)):.2f} of {np.isfinite(joint[counted]).sum()}"
     )
-    # Then the interval covers as it says, and also where a wrong shape cannot be seen
+    # Then the joint fit converges and scatters as it says
+    assert np.isfinite(joint[counted]).all()
+    assert np.sqrt(np.mean(joint[counted] ** 2)) < 1.25
+    # and the interval covers as it says, and also where a wrong shape cannot be seen
     assert 0.90 <= covered[counted].mean() <= 0.99
     assert 0.90 <= delay_covered[counted].mean() <= 0.99
     assert covered[outside & small].mean() >= 0.85

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +123,8 @@ def command(
 
 
 def _seconds(nanoseconds: float | None) -> float | None:
-    return None if nanoseconds is None else nanoseconds * 1e-9
+    """As a person would write it: 9 ns are 9e-09 s, not 9.000000000000001e-09."""
+    return None if nanoseconds is None else float(Decimal(repr(nanoseconds)).scaleb(-9))
 
 
 def _lines(results: dict[str, Any]) -> list[str]:
@@ -136,6 +138,8 @@ def _lines(results: dict[str, Any]) -> list[str]:
     lines = [f"threshold: {one_text(results['threshold'])}, {span}"]
     if results["threshold_bound"] is not None:
         lines.append(f"bound from noise alone: {100 * results['threshold_bound']:.2g} points")
+    if results["joint"]["threshold"] is not None:
+        lines.append(f"with cut-off and pulse free as well: {one_text(results['joint']['threshold'])}")
     if results["delay"] is not None:
         lines.append(f"delay ({results['definition']}): {one_text(results['delay'])}")
     fit = ", ".join(one.replace("_", " ") for one in results["families_that_fit"])
