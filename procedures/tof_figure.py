@@ -13,7 +13,7 @@ from procedures.tof_fit import harmonics
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from procedures.tof_outcome import TofResults
+    from procedures.tof_results import TofResults
 
 POINT, BIN, LINE = "#9A9A9A", "#D55E00", "#0072B2"
 

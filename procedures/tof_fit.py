@@ -103,6 +103,7 @@ def fit_pairs(
     kinds: NDArray[np.int64],
     widths: NDArray[np.int64],
     converters: int,
+    wobble_rms_s: NDArray[np.float64],
 ) -> TofFit | None:
     """Fit pairs of pulses.
 
@@ -118,6 +119,8 @@ def fit_pairs(
         Width of both pulses, numbered from 0.
     converters : int
         Interleaved.
+    wobble_rms_s : ndarray of float64, shape (n,)
+        Expected of both pulses together, s: added to the uncertainty where there are too few pairs to fit it.
 
     Returns
     -------
@@ -129,11 +132,12 @@ def fit_pairs(
     kind_count, width_count = int(kinds.max()) + 1, int(widths.max()) + 1
     straight = _straight(distance_s, kinds, kind_count)
     wavy = _wavy(places, widths, width_count, converters)
-    for columns in (np.concatenate([straight, wavy], axis=1), straight):
-        solved = _solve(columns, excess_s, uncertainty_s)
-        if solved is not None:
-            break
-    else:
+    solved = _solve(np.concatenate([straight, wavy], axis=1), excess_s, uncertainty_s)
+    if solved is None:
+        # What cannot be fitted counts as scatter.
+        uncertainty_s = np.hypot(uncertainty_s, wobble_rms_s)
+        solved = _solve(straight, excess_s, uncertainty_s)
+    if solved is None:
         return None
     found, covariance, residual_s, chi_square = solved
     freedom = excess_s.size - found.size

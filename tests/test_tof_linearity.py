@@ -47,7 +47,7 @@ from procedures.played_pulses import played_pulses
 from procedures.pulse_pairs import fitted, noise_covariance
 from procedures.tof_fit import TofFit, fit_pairs, harmonics
 from procedures.tof_linearity import TofOptions, distances_s
-from procedures.tof_outcome import receiver_delay_s
+from procedures.tof_results import receiver_delay_s
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 INTERVAL_S = 12.5e-9
@@ -128,6 +128,18 @@ def test_delays_of_width_are_those_of_the_known_filter() -> None:
     assert rows[20, 60]["range"]["value"] == pytest.approx(299_792_458 / 2 * narrow)
     assert rows[20, 60]["by_amplitude"] is None
     assert abs(pull(rows[20, 15]["by_amplitude"], 0.0)) < 3.5
+
+
+def test_with_few_pairs_the_wobble_counts_as_scatter() -> None:
+    # Given fewer pairs than the wobble has numbers, of pulses that wobble by 250 ps
+    options = TofOptions(widths_s=(8e-9, 40e-9), peaks_v=(40e-3, 90e-3), separations=3, shots=1)
+    chi_squares = []
+    for seed in range(12):
+        results = found(bench_with(20 + seed), options).results
+        assert [one["rms"] for one in results["wobble"]] == [None, None]
+        chi_squares.append(results["agreement"]["chi_square"])
+    # 12 runs with three delays each: their mean to 0.7
+    assert np.mean(chi_squares) == pytest.approx(3, abs=2.1)
 
 
 def test_another_filter_than_the_known_one_is_found_out() -> None:
@@ -226,7 +238,9 @@ def test_a_fit_without_noise_gives_what_went_in(
         columns = harmonics(places[:, side], converters)
         excess_s = excess_s + sign * np.sum(columns * wobble[widths[:, side]], axis=1)
 
-    fit = fit_pairs(distance_s, excess_s, np.full(count, 1e-10), places, kinds, widths, converters)
+    fit = fit_pairs(
+        distance_s, excess_s, np.full(count, 1e-10), places, kinds, widths, converters, np.zeros(count)
+    )
 
     assert fit is not None
     assert fit.scale_ppm.value == pytest.approx(ppm, abs=1e-8)
@@ -242,7 +256,7 @@ def noisy_fit(rng: np.random.Generator, scatter_s: float) -> TofFit:
     kinds = np.zeros((count, 2), np.int64)
     kinds[:, 1] = np.arange(count) % 2
     excess_s = 3e-6 * distance_s + 5e-10 * kinds[:, 1] + scatter_s * rng.normal(size=count)
-    fit = fit_pairs(distance_s, excess_s, np.full(count, 1e-10), places, kinds, kinds, 2)
+    fit = fit_pairs(distance_s, excess_s, np.full(count, 1e-10), places, kinds, kinds, 2, np.zeros(count))
     assert fit is not None
     return fit
 
@@ -267,15 +281,14 @@ def test_uncertainties_are_those_of_repetitions_and_grow_where_the_scatter_is_mo
 def test_pairs_that_determine_nothing_have_no_fit() -> None:
     one = np.array([1e-6])
     kinds = np.zeros((1, 2), np.int64)
-    assert fit_pairs(one, one, one, np.ones((1, 2)), kinds, kinds, 2) is None
+    assert fit_pairs(one, one, one, np.ones((1, 2)), kinds, kinds, 2, one) is None
     nothing = np.zeros(0)
-    assert fit_pairs(nothing, nothing, nothing, np.zeros((0, 2)), kinds[:0], kinds[:0], 2) is None
+    assert fit_pairs(nothing, nothing, nothing, np.zeros((0, 2)), kinds[:0], kinds[:0], 2, nothing) is None
     # unequal pulses at one distance: scale and delay are one number
     many = np.full(9, 1e-4)
     kinds = np.tile([0, 1], (9, 1))
-    assert (
-        fit_pairs(many, many, many, np.random.default_rng(1).uniform(0, 9, (9, 2)), kinds, kinds, 2) is None
-    )
+    places = np.random.default_rng(1).uniform(0, 9, (9, 2))
+    assert fit_pairs(many, many, many, places, kinds, kinds, 2, many) is None
 
 
 @pytest.mark.parametrize("fwhm_s", [8e-9, 40e-9, 80e-9])

@@ -57,6 +57,7 @@ def command(
     published lines.
     """
     from belahil.cli.measuring import Job, perform
+    from procedures.known_receiver import characterized_receiver
 
     chosen = {
         "widths_s": widths_ns,
@@ -65,19 +66,9 @@ def command(
         "gain_code": gain_code,
         "scene": scene,
         "footprints": footprints,
-        "receiver": _known(receiver),
+        "receiver": None if receiver is None else characterized_receiver(receiver),
     }
     return perform(Job("energy-calibration", "EnergyOptions", _lines), common(**given), chosen, windows)
-
-
-def _known(folder: Path | None) -> dict[str, Any] | None:
-    if folder is None:
-        return None
-    from dataclasses import asdict
-
-    from procedures.known_receiver import characterized_receiver
-
-    return asdict(characterized_receiver(folder))
 
 
 def _lines(results: dict[str, Any]) -> list[str]:

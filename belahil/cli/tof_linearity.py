@@ -45,6 +45,7 @@ def command(
 ) -> int:
     """Measure how linear a receiver's time of flight is, with two pulses in each window."""
     from belahil.cli.measuring import Job, perform
+    from procedures.known_receiver import characterized_receiver
 
     chosen = {
         "widths_s": widths_ns,
@@ -52,19 +53,9 @@ def command(
         "separations": separations,
         "shots": shots,
         "gain_code": gain_code,
-        "receiver": _known(receiver),
+        "receiver": None if receiver is None else characterized_receiver(receiver),
     }
     return perform(Job("tof-linearity", "TofOptions", _lines), common(**given), chosen, windows)
-
-
-def _known(folder: Path | None) -> dict[str, Any] | None:
-    if folder is None:
-        return None
-    from dataclasses import asdict
-
-    from procedures.known_receiver import characterized_receiver
-
-    return asdict(characterized_receiver(folder))
 
 
 def _rms(told: dict[str, Any] | None) -> str:
