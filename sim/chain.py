@@ -20,27 +20,18 @@ import numpy as np
 from msgspec import structs
 
 from belahil.config import Interleave
-from belahil.errors import ConfigError
 from belahil.values import RangeWindow, Waveform, WindowRequest, check_whole
 from sim.accuracy import Accuracy
 from sim.chain_light import Illumination
-from sim.chain_noise import (
-    Filter,
-    GaussianFilter,
-    PoleFilter,
-    ShotNoise,
-    StationaryNoise,
-    fewest_steps,
-    steps_for,
-)
+from sim.chain_noise import StationaryNoise
+from sim.chain_response import echo_volts, filtered, light_noises
 from sim.chain_stimulus import stimulus
 from sim.dark_windows import DarkWindows, read_dark_windows
-from sim.detector import gaussian_filter_sigma_s, tia_poles, volts_per_photon_rate
+from sim.detector import volts_per_photon_rate
 from sim.draws import Draws
 from sim.echo import echo, posts_error
 from sim.kernel import Kernel
 from sim.laser import pulse_shape
-from sim.light_noise import background_density
 from sim.optical_echo import Lit, OpticalEcho, span_s
 from sim.receiver_model import ReceiverModel
 from sim.selection import select
@@ -101,10 +92,12 @@ class Chain:
         white = self._illumination.photons_from_white
         pulse = pulse_shape(scene.laser)
         self.light_kernel = Kernel(pulse, gain=white, tolerance=self.accuracy.kernel)
-        self.passed, self.kernel = self._filtered(white * volts_per_photon_rate(scene.detector))
+        self.passed, self.kernel = filtered(
+            scene, self.receiver, pulse, white * volts_per_photon_rate(scene.detector), self.accuracy.kernel
+        )
         smooth = self._illumination.plan(self.accuracy, self.kernel, self._interval_s)
         self.plan = self._illumination.refined(smooth, self.accuracy, self.kernel)
-        self.light_noise = self._light_noises(names)
+        self.light_noise = light_noises(self, names)
         self._recorded: tuple[Callable[[NDArray[np.float64], Draws], None], ...] = ()
         if "recorded dark noise" in names:
             self._recorded = (self._add_recorded,)
@@ -293,51 +286,11 @@ class Chain:
         """Return the light of what a shot lights."""
         return OpticalEcho(self.light_kernel, lit, self._illumination.photon_energy_j)
 
-    def _filtered(self, gain: float) -> tuple[Filter, Kernel]:
-        scene, receiver, pulse = self.scene, self.receiver, self.light_kernel.pulse
-        if scene.filter == "gaussian":
-            idle = {
-                "[detector] tia_pole_hz": scene.detector.tia_pole_hz,
-                "[electronics] highpass_hz": scene.truth.highpass_hz,
-            }
-            for key, value in idle.items():
-                if value:
-                    raise ConfigError(
-                        f'{key} = {value:g}: must be 0 with filter = "gaussian", which has no poles'
-                    )
-            sigma_s = gaussian_filter_sigma_s(scene.detector.tia_bandwidth_hz)
-            own = Kernel(pulse, gain=gain, tolerance=self.accuracy.kernel)
-            return GaussianFilter(sigma_s), own.widened(sigma_s)
-        if receiver.zeros and 0 < scene.detector.tia_pole_hz <= scene.truth.highpass_hz:
-            raise ConfigError(
-                f"[detector] tia_pole_hz = {scene.detector.tia_pole_hz:g}: must be above highpass_hz = "
-                f"{scene.truth.highpass_hz:g} of the receiver"
-            )
-        poles = (*tia_poles(scene.detector), *receiver.poles)
-        kernel = Kernel(pulse, poles, receiver.zeros, gain, self.accuracy.kernel)
-        return PoleFilter(poles, receiver.zeros), kernel
-
-    def _light_noises(self, names: frozenset[str]) -> tuple[ShotNoise | StationaryNoise, ...]:
-        scene, detector = self.scene, self.scene.detector
-        found: list[ShotNoise | StationaryNoise] = []
-        if "shot noise" in names:
-            bins = round(self._interval_s / self.plan.bin_s) if self.plan.bin_s else 0
-            fewest = fewest_steps(self.light_kernel, self.passed, self._interval_s)
-            found.append(ShotNoise(detector, self.passed, self._interval_s, steps_for(bins, fewest)))
-        if "sunlight" in names:
-            no_current = structs.replace(detector, surface_dark_a=0.0, bulk_dark_a=0.0)
-            density = background_density(structs.replace(scene, detector=no_current))
-            found.append(StationaryNoise("sunlight", density, self.passed, self._interval_s))
-        if "dark current" in names:
-            density = background_density(structs.replace(scene, sun=None))
-            found.append(StationaryNoise("dark_current", density, self.passed, self._interval_s))
-        return tuple(found)
-
     def _at_converter(self, shot: int | None, request: WindowRequest) -> NDArray[np.float64]:
         draws = Draws(self.scene.seed, shot or 0)
         first_s = self.first_sample_s(shot, request)
         lit = self.lit(shot, first_s)
-        volts = self._echo_volts(lit, first_s, request.sample_count)
+        volts = echo_volts(self.kernel, lit, first_s, self.receiver.grid, request.sample_count)
         if shot is None:
             return self._noise_free.at_converter(volts, request.gain_code, draws)
         for noise in self.light_noise:
@@ -345,28 +298,6 @@ class Chain:
         self.receiver.at_converter(volts, request.gain_code, draws)
         for add in self._recorded:
             add(volts, draws)
-        return volts
-
-    def _echo_volts(self, lit: Lit, first_s: float, count: int) -> NDArray[np.float64]:
-        """Input-referred volts behind the filter, computed only where the echo has begun and not ended."""
-        volts = np.zeros(count)
-        begin_s, end_s = span_s(self.kernel, lit.delays)
-        low = max(0, math.floor((begin_s - first_s) / self._interval_s))
-        high = min(count, math.ceil((end_s - first_s) / self._interval_s) + 1)
-        if high <= low:
-            return volts
-        skew_s = self.receiver.grid.skew_s
-        if not skew_s:
-            place_s = first_s + low * self._interval_s
-            volts[low:high] = echo(self.kernel, lit.delays, place_s, self._interval_s, high - low)
-        else:
-            for one in (low, low + 1):
-                late_s = skew_s / 2 if one % 2 == 0 else -skew_s / 2
-                place_s = first_s + one * self._interval_s + late_s
-                size = len(range(one, high, 2))
-                volts[one:high:2] = echo(self.kernel, lit.delays, place_s, 2 * self._interval_s, size)
-        if lit.energy != 1:
-            volts *= lit.energy
         return volts
 
     def _add_recorded(self, volts: NDArray[np.float64], draws: Draws) -> None:

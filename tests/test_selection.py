@@ -12,6 +12,7 @@ from scenes import BARE, DAY, NIGHT, with_
 import sim.chain
 import sim.chain_light
 import sim.chain_noise
+import sim.chain_response
 import sim.receiver_model
 from belahil.config import Interleave, SmallSignal
 from sim.accuracy import Accuracy
@@ -31,7 +32,7 @@ WORKERS: dict[str, tuple[Any, str]] = {
     "shot noise": (ShotNoise, "add"),
     "sunlight": (StationaryNoise, "add"),
     "dark current": (StationaryNoise, "add"),
-    "Gaussian low-pass": (sim.chain, "gaussian_filter_sigma_s"),
+    "Gaussian low-pass": (sim.chain_response, "gaussian_filter_sigma_s"),
     "dead zone": (sim.receiver_model, "dead_zone"),
     "cubic": (sim.receiver_model, "cubic"),
     "gain": (sim.receiver_model, "amplify"),
