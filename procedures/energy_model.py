@@ -147,7 +147,7 @@ def played_points(
                 receiver.zeros,
             )
             # The receiver's clock is believed, as it is in a measured window.
-            energies.append(pulse_energy(samples, receiver.sample_interval_s, finder))
+            energies.append(_at_peak(samples, receiver.sample_interval_s, finder))
         found.append(EnergyPoints.of_pulses(energies, [factor * area_v_s] * PHASES))
     return found
 
@@ -172,7 +172,7 @@ def plane_points(scene: Scene, receiver: KnownReceiver, finder: RangeFinder) -> 
         spread = kernel.widened(math.sqrt(width_s**2 - NARROWEST_S**2) / FWHM_OF_SIGMA)
         for phase in range(PHASES):
             times_s = (np.arange(_SAMPLES) - _SAMPLES // 2 + phase / PHASES) * interval_s
-            energies.append(pulse_energy(spread.exact(times_s), interval_s, finder))
+            energies.append(_at_peak(spread.exact(times_s), interval_s, finder))
     return EnergyPoints.of_pulses(energies, [factor] * len(energies))
 
 
@@ -216,9 +216,16 @@ def footprint_points(
         volts, lit = _echoes(chain, centres_m, first_s, interval_s)
         optical_j = chain.light_kernel.gain * photon_energy_j(scene.laser.wavelength_m)
         for row, share in zip(volts, lit, strict=True):
-            pulses.append(pulse_energy(row, interval_s, finder))
+            pulses.append(_at_peak(row, interval_s, finder))
             energies.append(float(share) * optical_j * at_reference(scene, 1.0))
     return EnergyPoints.of_pulses(pulses, energies)
+
+
+def _at_peak(volts: NDArray[np.float64], interval_s: float, finder: RangeFinder) -> PulseEnergy:
+    """Integrate a pulse without noise, which needs no search."""
+    half = finder.correlation_window_samples // 2
+    first = min(max(int(np.argmax(volts)) - half, 0), volts.size - 2 * half)
+    return pulse_energy(volts, interval_s, finder, first)
 
 
 def refuse_ground(chain: Chain) -> None:

@@ -148,6 +148,13 @@ class EnergyResults:
         """The played pulses behind the known receiver, by width."""
         return self._played(self.receiver)
 
+    @cached_property
+    def _moved(self) -> list[EnergyPoints]:
+        """The same with a cut-off that is higher by its standard uncertainty."""
+        cutoff = self.receiver.cutoff
+        moved = replace(cutoff, value=cutoff.value + cutoff.standard_uncertainty)
+        return self._played(replace(self.receiver, cutoff=moved))
+
     def _played(self, receiver: KnownReceiver) -> list[EnergyPoints]:
         readings = self.readings
         return played_points(readings.stimuli, receiver, self.scene, readings.finder)
@@ -193,12 +200,7 @@ class EnergyResults:
         fit = self.measured[name]
         if fit is None:
             return None
-        cutoff = self.receiver.cutoff
-        moved = replace(cutoff, value=cutoff.value + cutoff.standard_uncertainty)
-        expected, shifted = (
-            _mean_ratios(fit, name, points)
-            for points in (self.played, self._played(replace(self.receiver, cutoff=moved)))
-        )
+        expected, shifted = (_mean_ratios(fit, name, points) for points in (self.played, self._moved))
         there, member = np.unique(self.groups, return_inverse=True)
         weights = self.points.amplitude_v**2
         share = weights / np.bincount(member, weights)[member]

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import h5netcdf
 import msgspec
 import numpy as np
 import pytest
@@ -480,17 +481,23 @@ def test_a_run_and_its_windows_give_equal_results(run: Path, tmp_path: Path) -> 
     assert (run / "figure-energy.png").is_file()
 
 
-def test_windows_without_pulses_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = tmp_path / "dark"
-    assert (
-        main(["noise", "--bench", "simulated", "--codes", "4", "--dark-windows", "1", "--out", str(run)]) == 0
-    )
-    capsys.readouterr()
+@pytest.mark.parametrize("name", ["energy-calibration", "tof-linearity"])
+def test_a_file_without_pulses_is_refused(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Given another program's file with dark windows
+    with h5netcdf.File(tmp_path / "dark.nc", "w") as file:
+        file.dimensions = {"shot": 2, "sample": 600}
+        file.create_variable("counts", ("shot", "sample"), data=np.full((2, 600), 2048, np.int16))
+        file.create_variable("volts_per_count", (), data=0.5e-3)
+        file.create_variable("sample_interval_s", (), data=INTERVAL_S)
+        file.attrs.update(digitizer_bits=12, digitizer_converters=2)
 
-    status = main(["energy-calibration", "--windows", str(run / "data.nc"), "--out", str(tmp_path / "none")])
+    status = main([name, "--windows", str(tmp_path / "dark.nc"), "--out", str(tmp_path / "none")])
 
     assert status == 2
     assert "no window with a sampled pulse" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_pulse_over_the_interlock_is_refused_before_anything_is_played() -> None:
