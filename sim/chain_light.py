@@ -15,6 +15,7 @@ from sim.detector import in_field_of_view, optical_transmission, solid_angle_sr
 from sim.echo import echo
 from sim.footprint import Delays, NoReturn, delays, plan_footprint
 from sim.footprint_edges import refined
+from sim.footprint_plan import Seen
 from sim.laser import energy_factor, photon_energy_j, photon_number, pointing_jitter
 from sim.optical_echo import Lit, span_s
 from sim.terrain_relief import RadialRelief
@@ -35,8 +36,8 @@ if TYPE_CHECKING:
 
     Factor = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 
-_WANDERED = 3.0
-"""Standard deviations of the jitter, at which pixels must still serve the edge of a field of view."""
+_WANDERED = 6.0
+"""Standard deviations of the jitter, to which pixels serve edges: one shot in 65 million is further off."""
 
 _LONGEST_S = 20e-6
 """Of an echo, when pixels are tried."""
@@ -113,8 +114,13 @@ class Illumination:
         """
         method: Method | None = "grid" if self.has_factor else None
         scene = self._scene
+        seen = None
+        if self._looks:
+            detector, altitude_m = scene.detector, scene.altitude_m
+            along, across = (altitude_m * math.tan(angle) for angle in detector.boresight_rad)
+            seen = Seen((along, across), altitude_m * math.tan(detector.field_of_view_rad))
         return plan_footprint(
-            accuracy, kernel, scene.laser, scene.altitude_m, self._surface, interval_s, method
+            accuracy, kernel, scene.laser, scene.altitude_m, self._surface, interval_s, method, seen
         )
 
     def plan_light(
@@ -189,13 +195,15 @@ class Illumination:
     def refined(self, found: FootprintPlan, accuracy: Accuracy, kernel: Kernel) -> FootprintPlan:
         """Return a plan whose pixels serve edges too; errors as `sim.footprint_edges.refined`.
 
-        They are tried with the mean shot, and one that has wandered towards the edge of the field of view.
+        They are tried with the mean shot and, where the beam wanders, with shots as far off as `_WANDERED`
+        allows: to the edge of a field of view and past it, to axis and rim of a crater or boulder. Errors are
+        relative to the brightest of them: of its own peak a shot that an edge darkens may have more.
         """
         if found.method != "grid" or not (self._looks or isinstance(self._surface.relief, RadialRelief)):
             return found
         scene, tries = self._scene, [(0.0, 0.0)]
-        if self._looks and self._jitters:
-            tries.append(self._wandered_rad())
+        if self._jitters:
+            tries += self._wandered_rad()
         whole = [delays(self._surface, scene.laser, scene.altitude_m, found, one) for one in tries]
         spans_s = [span_s(kernel, light) for light in whole]
         step_s = found.bin_s * max(1, math.floor(kernel.finest_s / found.bin_s))
@@ -210,14 +218,24 @@ class Illumination:
 
         return refined(found, accuracy.spacing, samples)
 
-    def _wandered_rad(self) -> tuple[float, float]:
-        laser, detector = self._scene.laser, self._scene.detector
-        away = np.subtract(laser.pointing_rad, detector.boresight_rad)
-        off_rad = math.hypot(*away)
-        to_edge_rad = max(detector.field_of_view_rad - off_rad, 0.0)
-        along, across = away / off_rad if off_rad else (1.0, 0.0)
-        far_rad = min(_WANDERED * max(laser.jitter_rad), to_edge_rad)
-        return float(far_rad * along), float(far_rad * across)
+    def _wandered_rad(self) -> list[tuple[float, float]]:
+        """Pointing, beside the laser's own, of shots that an edge meets as wandering lets it."""
+        scene, relief = self._scene, self._surface.relief
+        far_rad, ways = _WANDERED * max(scene.laser.jitter_rad), set()
+        if self._looks:
+            away = np.subtract(scene.laser.pointing_rad, scene.detector.boresight_rad)
+            off_rad = math.hypot(*away)
+            to_edge_rad = max(scene.detector.field_of_view_rad - off_rad, 0.0)
+            along, across = away / off_rad if off_rad else (1.0, 0.0)
+            ways |= {(one * along, one * across) for one in (far_rad, min(far_rad, to_edge_rad))}
+        if isinstance(relief, RadialRelief):
+            away = np.arctan(np.divide(relief.centre_m, scene.altitude_m)) - scene.laser.pointing_rad
+            off_rad, rim_rad = math.hypot(*away), relief.radius_m / scene.altitude_m
+            along, across = away / off_rad if off_rad else (1.0, 0.0)
+            for one in (off_rad, off_rad - rim_rad):
+                short = min(max(one, -far_rad), far_rad)
+                ways.add((short * along, short * across))
+        return sorted((float(along), float(across)) for along, across in ways)
 
     def _factor(self, pixel_m: float) -> Factor:
         factors: list[Factor] = [self._cosine] if self._leans else []

@@ -253,7 +253,7 @@ def posts_error(
         worst = [float(np.abs(samples(one, coarse) - fine).max()) for one in _every_other(ground)]
         return float(np.mean(np.square(worst)))
 
-    centre = tuple(altitude_m * math.tan(angle) for angle in laser.pointing_rad)
+    centre = plan.centre_m or tuple(altitude_m * math.tan(angle) for angle in laser.pointing_rad)
     near = _about(relief, centre, plan.radius_m)
     lost = lost_v2(near)
     if at_posts:

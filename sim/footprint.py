@@ -167,11 +167,14 @@ def delays(
             raise RefusedInput('a factor or a positive deposit needs a plan with method = "grid"')
         return _plane_delays(surface, laser, altitude_m, centre)
     x, y, share = _pixels(surface, structs.replace(laser, pointing_rad=pointing), altitude_m, plan, centre)
+    if not x.size:
+        return NoReturn("the field of view sees nothing of the beam")
     try:
         ground = surface.sample(x, y)
     except OffTerrain as nothing:
         return NoReturn(str(nothing))
-    lit = float(share[ground.known].sum())
+    # What a field of view leaves out is lit, too.
+    lit = float(share[ground.known].sum() if plan.centre_m is None else 1 - share[~ground.known].sum())
     weights = share * ground.reflectance
     if factor is not None:
         weights = weights * factor(x, y)
@@ -213,14 +216,15 @@ def _pixels(
     """Places of the pixels and their shares of the beam, shape (n,) each."""
     bounds = surface.bounds
     corner = (bounds[0], bounds[2]) if surface.spacing_m else (0.0, 0.0)
-    begin = [math.floor((place - first) / plan.pixel_m) for place, first in zip(centre, corner, strict=True)]
+    middle = plan.centre_m or centre
+    begin = [math.floor((place - first) / plan.pixel_m) for place, first in zip(middle, corner, strict=True)]
     columns, rows = _square(math.ceil(plan.radius_m / plan.pixel_m) + 1)
     x = corner[0] + plan.pixel_m * (begin[0] + columns)
     y = corner[1] + plan.pixel_m * (begin[1] + rows)
     share = beam_weights(laser, altitude_m, x, y) * (plan.pixel_m**2 / beam_area_m2(laser, altitude_m))
     # An image ends by itself; the others are cut along a line of equal brightness.
     least = 0.0
-    if laser.beam != "image":
+    if laser.beam != "image" and math.isfinite(plan.reach):
         least = math.exp(-0.5 * plan.reach**2) * plan.pixel_m**2 / beam_area_m2(laser, altitude_m)
     within = share > least
     across, along = np.broadcast_arrays(x, y)

@@ -27,8 +27,8 @@ _LEFT = 1.6
 _LEFT_THEN = 0.6
 """The same for the halved pixels."""
 
-_BESIDE = 0.7
-"""Pixels of this size, too: by chance an edge may lie alike among pixels and halved ones."""
+_BESIDE = (0.7, 0.83)
+"""Pixels of these sizes, too: by chance an edge may lie alike among pixels and halved ones."""
 
 
 def refined(
@@ -70,9 +70,9 @@ def refined(
                 f"{plan.spacing_error:.2g}"
             )
         fine = samples(finer)
-        beside = samples(replace(plan, pixel_m=_BESIDE * plan.pixel_m))
+        beside = [samples(replace(plan, pixel_m=size * plan.pixel_m)) for size in _BESIDE]
         peak = float(np.abs(fine).max())
-        moved = max(float(np.abs(fine - one).max()) for one in (coarse, beside))
+        moved = max(float(np.abs(fine - one).max()) for one in (coarse, *beside))
         change = moved / peak if peak else 0.0
         if _LEFT * change <= allowed and plan.pixel_m <= wanted_m:
             return replace(plan, spacing_error=max(smooth, _LEFT * change))

@@ -23,6 +23,16 @@ Method = Literal["grid", "closed form"]
 MOST_PIXELS = 4_000_000
 _MOST_BINS_PER_SAMPLE = 4096
 _COARSEST_SIGMA = 3.0
+_FEWEST = 2
+"""Pixels from the middle of a field of view to its edge: with fewer it may lie between them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """The circle of a field of view on level ground: its centre from nadir and radius, m."""
+
+    centre_m: tuple[float, float]
+    radius_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +48,12 @@ class FootprintPlan:
     slope_rad : float
         The steepest, for which it was made.
     reach : float
-        Pixels further out than so many standard deviations of the beam are left out.
+        Pixels further out than so many standard deviations of the beam are left out; infinite where a field
+        of view bounds them.
     radius_m, pixel_m : float
         Of the circle that holds all pixels; between pixels. 0 with the closed form.
+    centre_m : tuple of float or None
+        Of that circle, from nadir, where a field of view bounds it; None: the beam's.
     bin_s : float
         Of the histogram of delays; divides the sample interval. 0 with the closed form.
     pixels : int
@@ -64,10 +77,11 @@ class FootprintPlan:
     deposit_error: float = 0.0
     curvature_error: float = 0.0
     posts_m: float = 0.0
+    centre_m: tuple[float, float] | None = None
 
     @property
     def predicted_error(self) -> float:
-        """Max |dV| / peak, without what lies between the posts of a terrain model."""
+        """Max |dV| / peak of the mean shot, without what lies between the posts of a terrain model."""
         return self.beam_cut_error + self.spacing_error + self.deposit_error + self.curvature_error
 
 
@@ -79,6 +93,7 @@ def plan_footprint(
     surface: Surface,
     interval_s: float,
     method: Method | None = None,
+    seen: Seen | None = None,
 ) -> FootprintPlan:
     """Choose the coarsest steps whose predicted error is within a tolerance.
 
@@ -98,6 +113,9 @@ def plan_footprint(
         Between samples, s.
     method : {"grid", "closed form"} or None
         None: the closed form where it serves.
+    seen : Seen or None
+        Beyond which a factor of `sim.footprint.delays` will leave no light. Where it is smaller than the
+        beam, only places in it become pixels.
 
     Raises
     ------
@@ -122,17 +140,28 @@ def plan_footprint(
         if not refusal and (method or error <= tolerance):
             slope = math.atan(math.hypot(*surface.gradient))
             return FootprintPlan("closed form", tolerance, slope, curvature_error=error)
-    centre = tuple(altitude_m * math.tan(angle) for angle in laser.pointing_rad)
+    along, across = laser.pointing_rad
+    centre = altitude_m * math.tan(along), altitude_m * math.tan(across)
+    area_m2, coarsest_m, cut = (
+        _area(laser, altitude_m, reach),
+        _COARSEST_SIGMA * sigma_m[1],
+        accuracy.beam_cut,
+    )
+    is_narrow = seen is not None and seen.radius_m < radius_m
+    if seen is not None and is_narrow:
+        centre, radius_m, reach, cut = seen.centre_m, seen.radius_m, math.inf, 0.0
+        area_m2 = min(area_m2, math.pi * radius_m**2)
+        coarsest_m = min(coarsest_m, radius_m / _FEWEST)
     slope = surface.steepest(centre[0], centre[1], radius_m)
     bin_s, deposit = _bins(kernel, accuracy.deposit, interval_s)
     light = beam_transform(laser, altitude_m)
-    finest_m = math.sqrt(_area(laser, altitude_m, reach) / MOST_PIXELS)
+    finest_m = math.sqrt(area_m2 / MOST_PIXELS)
     tilt = 2 * math.tan(slope) / SPEED_OF_LIGHT_M_PER_S
     pixel_m = _coarsest(
         lambda dx: spacing_error(kernel, light, sigma_m, tilt, dx),
         accuracy.spacing,
         finest_m,
-        _COARSEST_SIGMA * sigma_m[1],
+        coarsest_m,
     )
     if surface.spacing_m:
         pixel_m = surface.spacing_m / math.ceil(surface.spacing_m / pixel_m - 1e-9)
@@ -150,11 +179,12 @@ def plan_footprint(
         radius_m=radius_m,
         pixel_m=pixel_m,
         bin_s=bin_s,
-        pixels=math.ceil(_area(laser, altitude_m, reach) / pixel_m**2),
-        beam_cut_error=accuracy.beam_cut,
+        pixels=math.ceil(area_m2 / pixel_m**2),
+        beam_cut_error=cut,
         spacing_error=predicted,
         deposit_error=deposit,
         posts_m=surface.spacing_m,
+        centre_m=centre if is_narrow else None,
     )
 
 

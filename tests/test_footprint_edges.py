@@ -15,6 +15,7 @@ from scipy.stats import ncx2
 from belahil.errors import RefusedInput
 from sim.accuracy import Accuracy
 from sim.chain import Chain
+from sim.footprint import NoReturn
 from sim.footprint_error import beam_transform
 from sim.scene import load_scene
 
@@ -44,6 +45,78 @@ def test_a_field_of_view_passes_its_share_of_the_beam(
     share = ncx2.cdf((view_rad / sigma_rad) ** 2, 2, max(off_rad / sigma_rad, 1e-9) ** 2)
     assert chain.plan.predicted_error <= tolerance
     assert abs(chain.lit().delays.total / share - 1) < MET_WITHIN * chain.plan.predicted_error
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("divergence_rad", [50e-6, 1e-2])
+@pytest.mark.parametrize("view_rad", [1e-7, 1e-6, 30e-6, 247.5e-6])
+@pytest.mark.parametrize("off_sigma", [0.0, 0.5, 2.0])
+def test_a_field_of_view_much_smaller_than_the_beam_passes_its_share(
+    off_sigma: float, view_rad: float, divergence_rad: float, tolerance: float
+) -> None:
+    # Given level ground, and a field of view that is a small part of the footprint, or beside its middle
+    sigma_rad = divergence_rad / 4
+    off = np.array([math.cos(0.3), math.sin(0.3)]) * off_sigma * sigma_rad
+    detector = {"field_of_view_rad": view_rad, "boresight_rad": (float(off[0]), float(off[1]))}
+    surface = {"slope_deg": 0.0, "reflectance": 1.0}
+    laser = {"divergence_rad": divergence_rad}
+    # When the light is planned to a tolerance
+    chain = Chain(with_(BARE, detector=detector, surface=surface, laser=laser), Accuracy(tolerance))
+    # Then its share is that of the normal distribution, and so few pixels are enough
+    sigma = math.tan(sigma_rad)
+    away, wide = math.hypot(*np.tan(off)) / sigma, math.tan(view_rad) / sigma
+    share = ncx2.cdf(wide**2, 2, max(away, 1e-9) ** 2)
+    assert chain.plan.predicted_error <= tolerance
+    assert abs(chain.lit().delays.total / share - 1) < tolerance
+    assert chain.plan.pixels < 1e6
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+@pytest.mark.parametrize("slope_deg", [10.0, 50.0])
+def test_samples_of_a_small_field_of_view_keep_the_tolerance(slope_deg: float, tolerance: float) -> None:
+    # Given a slope, seen through a small field of view beside the middle of a wide beam
+    detector = {"field_of_view_rad": 20e-6, "boresight_rad": (1e-4, -2e-4)}
+    scene = with_(BARE, detector=detector, surface={"slope_deg": slope_deg}, laser={"divergence_rad": 1e-3})
+    chain = Chain(scene, Accuracy(tolerance))
+    # When its samples are computed as planned, and ten times as well
+    better = Chain(scene, Accuracy(tolerance / 10))
+    request = better.correlation_window(0, 64)
+    volts, exact = (one.samples(None, request).volts for one in (chain, better))
+    # Then they agree, and no light is said to be lost beside the ground
+    assert np.abs(volts - exact).max() < 1.1 * tolerance * exact.max()
+    assert chain.lit().delays.lit == 1.0
+
+
+def test_a_small_field_of_view_that_the_beam_never_meets_sees_no_light() -> None:
+    detector = {"field_of_view_rad": 1e-6, "boresight_rad": (1e-2, 0.0)}
+    chain = Chain(with_(BARE, detector=detector))
+    assert isinstance(chain.lit().delays, NoReturn)
+    assert chain.echo().status != "ok"
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+@pytest.mark.parametrize("wandered", [0.0, 2.0, 4.0, 5.9])
+@pytest.mark.parametrize("what", ["view", "near crater", "far crater"])
+def test_pixels_serve_shots_whose_beam_has_wandered_far(what: str, wandered: float, tolerance: float) -> None:
+    # Given a beam that jitters by its own width, with an edge in the light on the ground, or one that only
+    # a shot meets that has wandered four standard deviations towards it
+    jitter_rad = 12e-6
+    detector = {"field_of_view_rad": 40e-6, "boresight_rad": (-20e-6, 0.0)} if what == "view" else {}
+    surface = {"kind": "crater", "diameter_m": 4.0, "depth_m": 1.0} if what != "view" else {}
+    if what == "far crater":
+        surface["centre_m"] = (4 * jitter_rad * BARE.altitude_m, 0.0)
+    jitters = with_(BARE, laser={"jitter_rad": (jitter_rad, jitter_rad)}, detector=detector, surface=surface)
+    chain = Chain(jitters, Accuracy(tolerance))
+    # When a shot has wandered, and is computed with pixels planned for it alone, ten times as well
+    away = with_(jitters, laser={"jitter_rad": (0.0, 0.0), "pointing_rad": (wandered * jitter_rad, 0.0)})
+    alone = Chain(away, Accuracy(tolerance / 10))
+    steps = copy(alone)
+    steps.plan = chain.plan
+    request = alone.correlation_window(0, 64)
+    volts, exact = (one.samples(None, request).volts for one in (steps, alone))
+    # Then they agree to the tolerance of the mean shot
+    mean_v = chain.samples(None, chain.correlation_window(0, 64)).volts.max()
+    assert np.abs(volts - exact).max() < 1.1 * tolerance * mean_v
 
 
 @pytest.mark.parametrize("tolerance", [0.2, 1e-2, 1e-3, 1e-4])
