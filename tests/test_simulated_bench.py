@@ -18,6 +18,7 @@ from belahil.errors import (
     InterlockRefused,
     LimitExceeded,
     LinkTimeout,
+    RefusedInput,
 )
 from belahil.generators import MODELS
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus, TransmittedPulse
@@ -148,7 +149,7 @@ def test_a_seed_is_another_bench_and_a_shot_is_not_its_history() -> None:
         (NoSignal(), WindowRequest(2**32, 4), LimitExceeded, "does not fit"),
         (NoSignal(), WindowRequest(0, None), InstrumentRefused, "gain code None"),
         (NoSignal(), WindowRequest(0, 4, delay_s=-1e-9), InstrumentRefused, "delay of -1e-09 s"),
-        (NoSignal(), WindowRequest(0, 4, delay_s=math.inf), InstrumentRefused, "delay of inf s"),
+        (NoSignal(), WindowRequest(0, 4, delay_s=math.inf), RefusedInput, "delay_s = inf: must be"),
         (NoSignal(), WindowRequest(0, 4, 3, products="candidates"), InstrumentRefused, "3 samples with"),
         (NoSignal(), WindowRequest(0, 4, source="transmit"), LimitExceeded, "NoSignal with source"),
         (TransmittedPulse(), WindowRequest(0, 4), LimitExceeded, "TransmittedPulse with source = return"),
