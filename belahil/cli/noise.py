@@ -66,7 +66,20 @@ def _lines(results: dict[str, Any]) -> list[str]:
         lines.append(f"{name(row['code'])}: noise {one_text(row['noise_rms'])}{more}")
     if results["best_code"] is not None:
         lines.append(f"best gain code: {results['best_code']}{_near(results['best_code_runner_up'])}")
+    elif [row["code"] for row in results["gain_codes"]] != [None]:
+        lines.append(f"no best gain code{_why(results['gain_codes'])}")
     return lines
+
+
+def _why(rows: list[dict[str, Any]]) -> str:
+    """Tell which status keeps which gain codes from having a combined noise."""
+    codes: dict[str, list[str]] = {}
+    for row in rows:
+        status = (row["firing"] or row)["status"]
+        if status != "ok":
+            codes.setdefault(status, []).append(str(row["code"]))
+    told = "; ".join(f"{status} at code {', '.join(ones)}" for status, ones in codes.items())
+    return told and f": {told}"
 
 
 def _near(runner_up: dict[str, Any] | None) -> str:
