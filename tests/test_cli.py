@@ -616,10 +616,8 @@ def test_the_lines_of_noise_suit_their_receiver() -> None:
     burst = {"status": "ok", "peak": 4}
     rows = [{"code": 3, "noise_rms": 2, "firing": {"noise_rms": 3, "burst": burst}}]
     rows += [{"code": 5, "noise_rms": 2, "firing": {"noise_rms": 2, "burst": {"status": "no_burst"}}}]
-    hidden = [
-        {"code": 3, "noise_rms": None, "status": "ok", "firing": {"noise_rms": None, "status": "clipped"}}
-    ]
-    hidden[0]["firing"] |= {"burst": None}  # type: ignore[operator]
+    clipped = {"noise_rms": None, "status": "clipped", "burst": None}
+    hidden = [{"code": 3, "noise_rms": None, "status": "ok", "firing": clipped}]
     assert _lines({"gain_codes": hidden, "best_code": None})[-1] == "no best gain code: clipped at code 3"
     near = {"code": 5, "difference": {"value": 1.0, "standard_uncertainty": 1.0}}
     assert _lines({"gain_codes": rows, "best_code": 3, "best_code_runner_up": near}) == [
