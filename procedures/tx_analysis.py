@@ -43,6 +43,8 @@ WELL_DETERMINED = 0.004
 DECIDED = 6.0
 """Difference of Akaike's criterion from which another family is preferred to the hard cut."""
 _EQUAL = 1e-6
+_FAR, _SLACK = 5.0, 0.05
+"""Standard deviations, and part, by which a reduced chi-square may differ from 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,7 @@ class TxFound:
     statuses : tuple of str
         All that apply, the gravest first: ``other_family`` (another family fits far better),
         ``model_misfit`` (a hard cut leaves a shape for which no uncertainty of an assumption accounts),
+        ``residual_not_noise`` (the reduced chi-square is far from 1),
         ``threshold_not_seen`` (without a cut the windows are described as well),
         ``threshold_weakly_determined`` (the bound is above 0.4 points), ``no_gaussian_fit``; else ``ok``.
     threshold : Interval
@@ -186,7 +189,7 @@ def analysed(
     rows = [delays(pulse.pulse(), receiver, one) for one in (hard.threshold, *ends)]
     late = _delays(rows, terms)
     return TxFound(
-        statuses=_statuses(bound, families, left, late is not None),
+        statuses=_statuses(bound, families, left, square / freedom, freedom, late is not None),
         threshold=_interval(
             hard.threshold,
             ends,
@@ -221,14 +224,26 @@ def _preferred(families: dict[Family, FamilyFit]) -> Family:
     return min(families, key=lambda one: families[one].criterion - _EQUAL * (one == "hard_cut"))
 
 
+def noise_like(reduced_chi_square: float, freedom: int) -> bool:
+    """Tell whether residuals can be the noise of the windows, which is itself known to a percent or two."""
+    apart = _FAR * math.sqrt(2 / freedom)
+    return 1 / (1 + _SLACK) - apart < reduced_chi_square < 1 + _SLACK + apart
+
+
 def _statuses(
-    bound: float, families: dict[Family, FamilyFit], left: Misfit, has_delay: bool
+    bound: float,
+    families: dict[Family, FamilyFit],
+    left: Misfit,
+    reduced: float,
+    freedom: int,
+    has_delay: bool,
 ) -> tuple[str, ...]:
     hard, none = families["hard_cut"], families["fractional_loss"]
     best = families[_preferred(families)]
     applies = {
         "other_family": hard.criterion - best.criterion > DECIDED and best.family != "fractional_loss",
         "model_misfit": left.beyond_terms,
+        "residual_not_noise": not noise_like(reduced, freedom),
         "threshold_not_seen": hard.merit - none.merit < COVERAGE,
         "threshold_weakly_determined": not bound <= WELL_DETERMINED,
         "no_gaussian_fit": not has_delay,

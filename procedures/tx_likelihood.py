@@ -38,6 +38,7 @@ Baseline = Literal["common", "window"]
 _AROUND = np.arange(-2, 3)
 _POLYNOMIAL = np.linalg.inv(np.vander(_AROUND, increasing=True)).T
 _STEPS = 4
+_NOTHING = 1e-200
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +188,8 @@ class PulseLikelihood:
 
 def _profile(white: NDArray[np.float64], templates: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return explained chi-square, arrival (samples after the first template), amplitude, log information."""
-    square = np.einsum("kn,kn->k", templates, templates)
+    # A response of nothing explains nothing.
+    square = np.maximum(np.einsum("kn,kn->k", templates, templates), _NOTHING)
     product = white @ templates.T
     slope = np.gradient(templates, axis=0) * PHASES
     along = np.einsum("kn,kn->k", slope, templates)
@@ -207,7 +209,9 @@ def _profile(white: NDArray[np.float64], templates: NDArray[np.float64]) -> NDAr
         place = np.clip(place + step, -1.5, 1.5)
     u, s = _derivatives(u_terms, place)[0], _derivatives(s_terms, place)[0]
     u = np.maximum(u, 0.0)
-    information = _derivatives(relative[near] @ _POLYNOMIAL, place)[0]
+    # Between arrivals of a response that is too fast for its samples a polynomial may fall below zero.
+    least = np.maximum(relative[near].min(axis=1), _NOTHING)
+    information = np.maximum(_derivatives(relative[near] @ _POLYNOMIAL, place)[0], least)
     return np.stack([u * u / s, (top + place) / PHASES, u / s, np.log(information)])
 
 

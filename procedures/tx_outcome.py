@@ -36,13 +36,12 @@ _WHY = {
 _MEANS = {
     "other_family": "another family fits better than a hard cut",
     "model_misfit": "what a hard cut leaves of the shape is more than the uncertainties account for",
+    "residual_not_noise": "the reduced chi-square is not 1: a wrong shape, interference, or too little noise "
+    "for the steps of the converter; the part of noise in the uncertainty is wrong as well",
     "threshold_not_seen": "without any cut the windows are described as well; the upper end is a limit",
     "threshold_weakly_determined": "the bound of the threshold is above 0.4 points",
     "no_gaussian_fit": "the detected pulse has no Gaussian fit, so there is no delay",
 }
-_FAR, _SLACK = 5.0, 0.03
-"""Standard deviations, and part, by which the reduced chi-square may differ from 1 before it is told: the
-noise itself is known to a percent or two."""
 NOT_MODELLED = (
     "Not modelled: a pulse whose shape changes from shot to shot, noise of the light, a receiver that "
     "depends on the amplitude, interference that is locked to the shot, and a wrong shape that looks like "
@@ -119,17 +118,8 @@ def _notes(found: TxFound) -> list[str]:
             f" (by chance in {left.probability:.1g} of all cases), {within} the assumed uncertainties allow; "
             f"it looks most like {like}, {left.size:.3g} +- {left.size_uncertainty:.2g}"
         )
-    scatter = 1 + _FAR * (2 / found.freedom) ** 0.5
-    noise = []
-    if not 1 / scatter - _SLACK < found.reduced_chi_square < scatter + _SLACK:
-        noise = [
-            f"The reduced chi-square is {found.reduced_chi_square:.3g}, not 1: what is left is not the noise "
-            "of a receiver of this filter, as a wrong shape, interference or too little noise for the "
-            "converter's steps make it. Then the part of noise in the uncertainty is wrong as well."
-        ]
     return [
         told,
-        *noise,
         f"{shape}. A departure from the model with an expected gain below {SHOWS:g} may stay unseen.",
         "The Gaussian of a single shot scatters about the mean delay with the place of the pulse between two "
         "samples.",

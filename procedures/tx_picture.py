@@ -59,8 +59,9 @@ def equivalent_time(found: TxFound) -> EquivalentTime:
     """Lay the windows over one another."""
     grid, fits = found.windows.grid, found.fits
     step_s = grid.sample_interval_s
-    place = np.arange(grid.count) - grid.before - fits.arrival[:, None]
-    volts = found.segments_v / fits.amplitude_v[:, None]
+    there = fits.amplitude_v > 0
+    place = np.arange(grid.count) - grid.before - fits.arrival[there, None]
+    volts = found.segments_v[there] / fits.amplitude_v[there, None]
     times_s, hard = grid.times_s, found.hard.response
     keep = slice(PHASES, -PHASES)
     uncut = found.responses.hard(0.0)

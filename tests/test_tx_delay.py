@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -274,11 +275,34 @@ def test_a_known_ac_coupling_is_part_of_the_model() -> None:
     assert term["standard_uncertainty"] == 500.0
 
 
-def test_an_inverted_pulse_is_no_hard_cut() -> None:
-    shots = TRUTH.shots(40, 6)
-    turned = [replace(one, window=replace(one.window, counts=(4096 - one.window.counts).astype(np.int16)))
-              for one in shots]  # fmt: skip
-    assert analysed(turned)["status"] in ("no_pulse", "model_misfit", "other_family")
+PLACE = np.arange(160.0)
+JUNK: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
+    "spikes": lambda rng: 0.3 * (rng.random((20, 160)) < 0.01),
+    "a step": lambda rng: 0.1 * (PLACE > 80),
+    "a sine": lambda rng: 0.2 * np.sin(PLACE / 5 + rng.uniform(0, 6, (20, 1))),
+    "an inverted pulse": lambda rng: -0.3 * np.exp(-0.5 * ((PLACE - 80) / 1.5) ** 2),
+    "two pulses": lambda rng: 0.3 * (np.abs(PLACE - 50) < 2) + 0.25 * (np.abs(PLACE - 110) < 2),
+    "one sample": lambda rng: 0.3 * (PLACE == 80),
+}
+
+
+@pytest.mark.parametrize("kind", JUNK)
+def test_what_is_no_such_pulse_is_told(kind: str) -> None:
+    rng = np.random.default_rng(4)
+    shots = as_shots(0.8e-3 * rng.standard_normal((20, 160)) + JUNK[kind](rng))
+    assert analysed(shots)["status"] in ("no_pulse", "model_misfit", "other_family", "residual_not_noise")
+
+
+@pytest.mark.parametrize(
+    ("pulse", "cutoff_hz"),
+    [
+        (KnownPulse(5e-9, 0.0, 0.05, 0.05, 0.03, (0.0, 1e-8), (1.0, 0.0)), 19e6),  # begins with its peak
+        (KnownPulse(5.4e-9, 8e-9, 0.05, 0.05, 0.03), 80e6),  # as fast as the samples
+    ],
+)
+def test_assumptions_far_from_the_truth_give_a_misfit(pulse: KnownPulse, cutoff_hz: float) -> None:
+    results = analysed(TRUTH.shots(20, 2), pulse=pulse, receiver=receiver(cutoff_hz, 0.01))
+    assert results["status"] in ("model_misfit", "residual_not_noise", "other_family")
 
 
 def test_a_receiver_without_gain_codes_and_with_one_converter_is_measured() -> None:
