@@ -10,7 +10,7 @@ shot.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from procedures.tx_pulse import OpticalPulse
 
 STANDS_OUT = 7.0
-"""A pulse is there where the matched filter is so many standard deviations above its noise: by chance once in
-1e9 windows of 400 samples."""
+"""A pulse is there where the matched filter is so many standard deviations above its noise."""
 
 _ENDED = 1e-4
 """Of its peak, below which the response to the whole pulse is left out of a segment."""
+_FAINT = 0.02
 _LONGEST_S = 1.6e-6
 _EARLY = 4
 """Samples before the pulse begins that belong to its segment."""
@@ -46,6 +46,7 @@ _TYPICAL = 0.2
 """Threshold of the shape that pulses are looked for with: any shape finds them."""
 _SAME_INTERVAL = 1e-6
 _CORRELATED = 32
+_FEWEST_AT_END = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,24 +104,34 @@ class PulseWindows:
         )
 
 
-def segment_grid(pulse: OpticalPulse, receiver: KnownReceiver) -> SegmentGrid:
-    """Return how many samples round the arrival hold all of a pulse behind a receiver's low-pass.
+def segment_grids(pulse: OpticalPulse, receiver: KnownReceiver) -> tuple[SegmentGrid, SegmentGrid]:
+    """Return the shortest and the longest segment round the arrival that serve.
 
     Parameters
     ----------
     pulse : OpticalPulse
         Before any cut.
     receiver : KnownReceiver
-        A high-pass, whose undershoot lasts for microseconds, does not lengthen the segment.
+        A high-pass, whose undershoot lasts for microseconds, does not lengthen them.
+
+    Returns
+    -------
+    tuple of SegmentGrid
+        Both begin before the pulse; the first ends where the response to the whole pulse is below 2 % of its
+        peak, the second 12 samples after it is below 1e-4.
     """
     interval_s = receiver.true_interval_s
     begins_s = pulse.above(_ENDED)[0][0]
     times_s = np.arange(0.0, _LONGEST_S, interval_s / 2)
     fast = tuple(sorted(receiver.poles, key=abs)[receiver.zeros :])
     response = np.abs(CutResponses(pulse, fast, 0, times_s).exact(0.0))
-    ends_s = times_s[np.flatnonzero(response > _ENDED * response.max())[-1]]
     before = _EARLY + math.ceil(-begins_s / interval_s)
-    return SegmentGrid(interval_s, before, before + math.ceil(ends_s / interval_s) + _LATE)
+
+    def until(part: float, more: int) -> SegmentGrid:
+        ends_s = times_s[np.flatnonzero(response > part * response.max())[-1]]
+        return SegmentGrid(interval_s, before, before + math.ceil(ends_s / interval_s) + more)
+
+    return until(_FAINT, 1), until(_ENDED, _LATE)
 
 
 def read_pulses(
@@ -149,15 +160,16 @@ def read_pulses(
     status = _misfits(ones, clear, bits, interval_s, receiver)
     if status:
         return _none(status, code, counted)
-    grid = segment_grid(pulse, receiver)
-    long_enough = [one for one in clear if one.counts.size >= grid.count]
+    shortest, longest = segment_grids(pulse, receiver)
+    long_enough = [one for one in clear if one.counts.size >= shortest.count]
     counted["too_short"] = len(clear) - len(long_enough)
-    responses = CutResponses(pulse, receiver.poles, receiver.zeros, grid.times_s)
-    located = [(one, _located(one, responses, grid)) for one in long_enough]
+    responses = CutResponses(pulse, receiver.poles, receiver.zeros, shortest.times_s)
+    located = zip(long_enough, _located(long_enough, responses, shortest), strict=True)
     seen = [(one, first) for one, first in located if first is not None]
     # A best place at an end of the search tells only that the pulse is there or beyond.
-    kept = [(one, first) for one, first in seen if 0 < first < one.counts.size - grid.count]
-    counted["without_pulse"] = len(located) - len(seen)
+    inside = [(one, first) for one, first in seen if 0 < first < one.counts.size - shortest.count]
+    grid, kept = _longest(inside, shortest, longest)
+    counted["without_pulse"] = len(long_enough) - len(seen)
     counted["cut_off"] = len(seen) - len(kept)
     counted["used"] = len(kept)
     for name, status in (("too_short", "too_few_samples"), ("cut_off", "pulse_cut_off")):
@@ -166,6 +178,18 @@ def read_pulses(
     if 2 * len(kept) < len(ones):
         return _none("no_pulse", code, counted)
     return _segments(kept, counted, grid, receiver)
+
+
+def _longest(
+    inside: list[tuple[RangeWindow, int]], shortest: SegmentGrid, longest: SegmentGrid
+) -> tuple[SegmentGrid, list[tuple[RangeWindow, int]]]:
+    """Return the longest segment for which nine of ten windows reach, and these windows."""
+    reach = [one.counts.size - first for one, first in inside]
+    if not reach:
+        return shortest, []
+    count = int(np.clip(np.quantile(reach, 0.1, method="lower"), shortest.count, longest.count))
+    kept = [one for one, there in zip(inside, reach, strict=True) if there >= count]
+    return replace(longest, count=count), kept
 
 
 def _none(status: str, code: int | None, counted: dict[str, int]) -> PulseWindows:
@@ -196,17 +220,34 @@ def _misfits(
     return ""
 
 
-def _located(window: RangeWindow, responses: CutResponses, grid: SegmentGrid) -> int | None:
-    """Sample with which the segment of a window's pulse begins, None where no pulse stands out."""
+def _located(windows: list[RangeWindow], responses: CutResponses, grid: SegmentGrid) -> list[int | None]:
+    """Sample with which the segment of each window's pulse begins, None where no pulse stands out."""
     response = responses.exact(_TYPICAL)
     shapes = response[grid.places[PHASES : 2 * PHASES : PHASES // 2]]
     shapes = shapes - shapes.mean(axis=1, keepdims=True)
     shapes /= np.linalg.norm(shapes, axis=1, keepdims=True)
-    scores = np.stack([np.correlate(window.volts, shape, "valid") for shape in shapes])
-    best = int(scores.max(axis=0).argmax())
-    # Scores away from the pulse tell their own noise, colour included; they are most of any window.
-    noise = 1.4826 * float(np.median(np.abs(scores - np.median(scores))))
-    return best if scores[:, best].max() > STANDS_OUT * max(noise, _quantization_v(window)) else None
+    coloured = filtered_noise_covariance(
+        responses.poles, responses.zeros, grid.sample_interval_s, grid.count, 1.0
+    )
+    widened = math.sqrt(float(np.einsum("kn,nm,km->k", shapes, coloured, shapes).max()))
+    least = STANDS_OUT * widened * _noise_at_the_ends(windows)
+    found: list[int | None] = []
+    for one in windows:
+        scores = np.stack([np.correlate(one.volts, shape, "valid") for shape in shapes]).max(axis=0)
+        best = int(scores.argmax())
+        found.append(best if scores[best] > least else None)
+    return found
+
+
+def _noise_at_the_ends(windows: list[RangeWindow]) -> float:
+    """Rms of the first or of the last quarter of a typical window, V: the smaller, where no pulse is."""
+    if not windows:
+        return 0.0
+    ends = []
+    for side in (1, -1):
+        parts = [one.volts[::side][: max(one.counts.size // 4, _FEWEST_AT_END)] for one in windows]
+        ends.append(float(np.median([part.std() for part in parts])))
+    return max(min(ends), _quantization_v(windows[0]))
 
 
 def _segments(

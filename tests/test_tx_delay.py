@@ -244,7 +244,7 @@ def test_a_pulse_without_a_sample_before_it_needs_a_known_noise() -> None:
 
 def test_a_pulse_at_the_edge_and_a_window_too_short_are_counted() -> None:
     results = analysed(
-        TRUTH.shots(30, 1) + TRUTH.shots(5, 2, start=155) + TRUTH.shots(4, 3, samples=20, start=8)
+        TRUTH.shots(30, 1) + TRUTH.shots(5, 2, start=155) + TRUTH.shots(4, 3, samples=10, start=6)
     )
     assert results["windows"] == {
         "windows": 39,
@@ -254,15 +254,26 @@ def test_a_pulse_at_the_edge_and_a_window_too_short_are_counted() -> None:
         "cut_off": 0,
         "too_short": 4,
     }
-    assert analysed(TRUTH.shots(4, 3, samples=20, start=8))["status"] == "too_few_samples"
+    assert analysed(TRUTH.shots(4, 3, samples=10, start=6))["status"] == "too_few_samples"
 
 
-@pytest.mark.parametrize("start", [3, 150])
+@pytest.mark.parametrize("start", [3, 154])
 def test_a_pulse_at_an_edge_is_not_taken_for_a_whole_one(start: int) -> None:
     # Given a pulse of which only the end, or only the beginning, is in the windows
     results = analysed(TRUTH.shots(30, 1, start=start))
     assert results["status"] in ("pulse_cut_off", "no_pulse")
     assert results["windows"]["used"] == 0
+
+
+@pytest.mark.parametrize("tail_s", [3e-9, 20e-9])
+def test_a_correlation_window_is_long_enough(tail_s: float) -> None:
+    # Given the 42 samples that the range finder keeps round a pulse
+    truth = replace(TRUTH, pulse=tailed_pulse(5.4e-9, tail_s))
+    results = analysed(truth.shots(150, 3, samples=42, start=20), pulse=KnownPulse(5.4e-9, tail_s, 0.0, 0.0))
+    assert results["windows"]["used"] == 150
+    assert results["threshold"]["value"] == pytest.approx(0.2, abs=3.5 * results["threshold_bound"])
+    whole = analysed(truth.shots(150, 3), pulse=KnownPulse(5.4e-9, tail_s, 0.0, 0.0))
+    assert results["threshold_bound"] < 1.2 * whole["threshold_bound"]
 
 
 def test_a_known_ac_coupling_is_part_of_the_model() -> None:
