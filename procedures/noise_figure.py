@@ -28,9 +28,9 @@ def noise_figure(found: NoiseResults) -> Figure:
         "(a) Analog noise at the converter by gain code with the laser off and firing, and the raw value "
         "with quantization and converter offsets. (b) Noise divided by gain; the least value with the laser "
         "firing marks the best code. (c) One-sided noise density at the converter with the laser off, one "
-        "line for each code. (d) Mean of the windows with the laser firing at one gain code, that of the "
-        "clearest burst where there is one; the band is two standard uncertainties of noise alone. Bars "
-        "show two standard uncertainties."
+        "line for each code; dashed with the laser firing, at the best code. (d) Mean of the windows with "
+        "the laser firing at one gain code, that of the clearest burst where there is one; the band is two "
+        "standard uncertainties of noise alone. Bars show two standard uncertainties."
     )
     axes = figure.subplots(2, 2).ravel()
     _by_code(axes[0], found)
@@ -107,14 +107,18 @@ def _spectra(axes: Axes, found: NoiseResults) -> None:
         density = 1e9 * np.sqrt(one.off.dark.density_v2_per_hz[1:-1])
         label = "noise" if one.code is None else f"code {one.code}"
         axes.plot(one.off.dark.frequency_hz[1:-1] / 1e6, density, color=shade, lw=1, label=label)
+    shown = next((one.firing for one in found.codes if one.code in (found.best_code, None)), None)
+    if shown is not None:
+        density = 1e9 * np.sqrt(shown.dark.density_v2_per_hz[1:-1])
+        axes.plot(shown.dark.frequency_hz[1:-1] / 1e6, density, "--", color=RED, lw=1, label="firing")
     axes.set_xlabel("frequency, MHz")
     axes.set_ylabel("noise density, nV/√Hz")
     if any(np.any(one.off.dark.density_v2_per_hz[1:-1] > 0) for one in found.codes):
         axes.set_yscale("log")
     if len(found.codes) > 6:
         # Room below the curves, which fill the rest.
-        axes.set_ylim(bottom=axes.get_ylim()[0] / 4)
-        axes.legend(fontsize=7, ncols=4, loc="lower center")
+        axes.set_ylim(bottom=axes.get_ylim()[0] / 5)
+        axes.legend(fontsize=7, ncols=5, loc="lower left")
     else:
         axes.legend(fontsize=7)
 

@@ -145,6 +145,11 @@ def _tables(plan: NoisePlan, found: NoiseResults) -> dict[str, Table]:
     tables = {"codes": Table(columns, "code"), **spectrum_tables(dark)}
     words = "1 where the receiver's shot pulse started the window and fired the laser"
     tables["plan"] = Table({"laser_firing": (np.array(found.firing), "1", words)}, "shot")
+    fired = [one.firing.dark.density_v2_per_hz for one in ones if one.firing]
+    if len(fired) == len(ones):
+        words = "one-sided noise density at the converter with the laser firing"
+        columns = {"noise_density_firing": (np.stack(fired), "V2 Hz-1", words)}
+        tables["firing"] = Table(columns, "code", "noise_frequency")
     locked = [one.firing.locked if one.firing else None for one in ones]
     if any(one is not None for one in locked):
         mean = np.array([np.zeros(plan.sample_count) if one is None else one.mean_v for one in locked])
