@@ -38,7 +38,8 @@ def arrival_figure(arrival: Arrival) -> Figure:
     _land(grid[1, 0], arrival)
     _published(grid[1, 1], arrival)
     for axes in grid.flat:
-        axes.set_xlabel("detected full width at half maximum, ns")
+        # Left, since the lower right corner has the mark of emulated data.
+        axes.set_xlabel("detected full width at half maximum, ns", loc="left")
     return figure
 
 

@@ -32,7 +32,7 @@ from procedures.plans import Journal, PlannedShot, check_all, measure_all
 from procedures.pulse_place import first_sample
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
     from belahil.bench import Bench
     from belahil.config import BenchConfig
@@ -220,11 +220,15 @@ def recorded_plan(recorded: RecordedWindows, options: TofOptions) -> TofPlan:
     Raises
     ------
     RefusedInput
-        There are none.
+        There are none, or none at the gain code that was asked for.
     """
-    if not any(isinstance(recorded.played(row), SampledPulse) for row in range(len(recorded))):
+    code = options.gain_code
+    own = [row for row in range(len(recorded)) if code in (None, recorded.request(row).gain_code)]
+    if not any(isinstance(recorded.played(row), SampledPulse) for row in own):
+        at = "" if code is None else f" at gain code {code}"
         raise RefusedInput(
-            f"{recorded.path}: no window with a sampled pulse; needed are windows with two known pulses each"
+            f"{recorded.path}: no window with a sampled pulse{at}; needed are windows with two known pulses "
+            "each"
         )
     return TofPlan((), recorded.spec.converters, recorded.spec.bits, options)
 
@@ -244,7 +248,8 @@ def analyse(plan: TofPlan, shots: Iterable[Shot], config: BenchConfig) -> Outcom
     plan : TofPlan
         What was measured.
     shots : iterable of Shot
-        In any order. Shots without a sampled pulse are left out.
+        In any order. Shots without a sampled pulse, and of another gain code than the one that was asked
+        for, are left out.
     config : BenchConfig
         The receiver's preset; ``[emulation]`` is not read.
     """
@@ -253,5 +258,13 @@ def analyse(plan: TofPlan, shots: Iterable[Shot], config: BenchConfig) -> Outcom
 
     receiver = plan.options.receiver or preset_receiver(config)
     samples = receiver_preset(config.digitizer.receiver).correlation_window_samples
-    pairs = read_pairs(shots, receiver, samples, plan.converters, plan.bits)
-    return outcome(pairs, receiver)
+    code, codes = plan.options.gain_code, set()
+
+    def own() -> Iterator[Shot]:
+        for shot in shots:
+            if isinstance(shot.played, SampledPulse) and code in (None, shot.window.gain_code):
+                codes.add(shot.window.gain_code)
+                yield shot
+
+    pairs = read_pairs(own(), receiver, samples, plan.converters, plan.bits)
+    return outcome(pairs, receiver, mixed=len(codes) > 1)

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from procedures.tof_fit import TofFit
 
 
-def outcome(pairs: list[PulsePair], receiver: KnownReceiver) -> Outcome:
-    """Bring everything into the form that a run keeps."""
-    found = TofResults(pairs, receiver)
+def outcome(pairs: list[PulsePair], receiver: KnownReceiver, *, mixed: bool = False) -> Outcome:
+    """Bring everything into the form that a run keeps; `mixed` as in `TofResults`."""
+    found = TofResults(pairs, receiver, mixed)
     clock = None if found.fit is None else found.fit.scale_ppm
     return Outcome(
         results=_results(found),

@@ -37,18 +37,24 @@ class TofResults:
         All windows with a sampled pulse.
     receiver : KnownReceiver
         What is expected of it.
+    mixed : bool
+        The windows have several gain codes, so their heights and their noise are not of one receiver.
     """
 
     pairs: list[PulsePair]
     receiver: KnownReceiver
+    mixed: bool = False
 
     @property
     def status(self) -> str:
         """Return "ok", or why there is no scale.
 
-        ``no_usable_point``: no window has two pulses; ``equal_windows``: all are equal, though several were
-        measured; ``too_few_points``: the pairs do not determine the fit.
+        ``mixed_gain_codes``: there are several; ``no_usable_point``: no window has two pulses;
+        ``equal_windows``: all are equal, though several were measured; ``too_few_points``: the pairs do not
+        determine the fit.
         """
+        if self.mixed:
+            return "mixed_gain_codes"
         if not self.usable:
             return "no_usable_point"
         if self._equal:
@@ -102,7 +108,7 @@ class TofResults:
     @cached_property
     def fit(self) -> TofFit | None:
         """Scale, delays and wobble."""
-        if self._equal:
+        if self._equal or self.mixed:
             return None
         variances = np.array([np.square(one.arrival_u_s).sum() for one in self.usable])
         wobble = np.array([one.std() if one.size else 0.0 for one in self.width_delays_s])

@@ -64,7 +64,8 @@ class TxFound:
     Parameters
     ----------
     statuses : tuple of str
-        All that apply, the gravest first: ``other_family`` (another family fits far better),
+        All that apply, the gravest first: ``other_family`` (another family fits far better, and no
+        uncertainty of an assumption accounts for it),
         ``model_misfit`` (a hard cut leaves a shape for which no uncertainty of an assumption accounts),
         ``residual_not_noise`` (the reduced chi-square is far from 1),
         ``threshold_not_seen`` (without a cut the windows are described as well),
@@ -241,7 +242,11 @@ def _statuses(
     hard, none = families["hard_cut"], families["fractional_loss"]
     best = families[_preferred(families)]
     applies = {
-        "other_family": hard.criterion - best.criterion > DECIDED and best.family != "fractional_loss",
+        # Families are compared as if pulse and receiver were known: a fall that is wrong by its uncertainty
+        # looks like a soft edge.
+        "other_family": left.beyond_terms
+        and hard.criterion - best.criterion > DECIDED
+        and best.family != "fractional_loss",
         "model_misfit": left.beyond_terms,
         "residual_not_noise": not noise_like(reduced, freedom),
         "threshold_not_seen": hard.merit - none.merit < COVERAGE,

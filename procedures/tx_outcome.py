@@ -34,7 +34,7 @@ _WHY = {
     "noise_not_known": "too few samples lie before the pulse to tell the noise, and nothing else tells it",
 }
 _MEANS = {
-    "other_family": "another family fits better than a hard cut",
+    "other_family": "another family fits better than a hard cut, by more than the uncertainties account for",
     "model_misfit": "what a hard cut leaves of the shape is more than the uncertainties account for",
     "residual_not_noise": "the reduced chi-square is not 1: a wrong shape, interference, or too little noise "
     "for the steps of the converter; the part of noise in the uncertainty is wrong as well",

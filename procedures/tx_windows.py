@@ -210,7 +210,10 @@ def _misfits(
     if len({one.gain_code for one in ones}) > 1:
         return "mixed_gain_codes"
     known = {one.code for one in receiver.codes}
-    same = abs(interval_s / receiver.sample_interval_s - 1) < _SAME_INTERVAL and bits == receiver.bits
+    told_s = {interval_s, *(one.sample_interval_s for one in ones)}
+    same = bits == receiver.bits and all(
+        abs(one / receiver.sample_interval_s - 1) < _SAME_INTERVAL for one in told_s
+    )
     if not same or ones[0].gain_code not in known or len({one.volts_per_count for one in ones}) > 1:
         return "other_receiver"
     if 2 * len(clear) < len(ones) or not clear:

@@ -424,7 +424,7 @@ def test_equal_windows_and_too_few_have_no_scale() -> None:
     assert (single["status"], single["clock_ppm"]) == ("too_few_points", None)
 
 
-def test_two_gain_codes_mixed_are_one_clock() -> None:
+def test_two_gain_codes_are_not_mixed_and_one_can_be_named() -> None:
     config = bench_with(13, clock_ppm=-30.0)
     shots: list[Shot] = []
     for code in (2, 5):
@@ -434,9 +434,12 @@ def test_two_gain_codes_mixed_are_one_clock() -> None:
             tof_linearity.measure(bench, kept, plan)
         shots += kept.shots
 
-    results = tof_linearity.analyse(plan, shots, config).results
+    mixed = tof_linearity.analyse(replace(plan, options=QUICK), shots, config).results
+    named = tof_linearity.analyse(plan, shots, config).results
 
-    assert abs(pull(results["clock_ppm"], -30.0)) < 3.5
+    assert (mixed["status"], mixed["clock_ppm"]) == ("mixed_gain_codes", None)
+    assert named == tof_linearity.analyse(plan, kept.shots, config).results
+    assert abs(pull(named["clock_ppm"], -30.0)) < 3.5
 
 
 @pytest.mark.parametrize(

@@ -228,6 +228,12 @@ def test_windows_of_another_receiver_are_told(more: dict[str, Any]) -> None:
     assert analysed(TRUTH.shots(20, 1), **more)["status"] == "other_receiver"
 
 
+def test_a_window_sampled_at_another_rate_is_of_another_receiver() -> None:
+    shots = TRUTH.shots(20, 1)
+    shots[7] = replace(shots[7], window=replace(shots[7].window, sample_interval_s=2 * INTERVAL_S))
+    assert analysed(shots)["status"] == "other_receiver"
+
+
 def test_windows_of_two_scales_are_of_two_receivers() -> None:
     shots = TRUTH.shots(20, 1)
     shots[7] = replace(shots[7], window=replace(shots[7].window, volts_per_count=2 * STEP_V))
@@ -367,6 +373,16 @@ def test_a_soft_edge_is_another_family() -> None:
     assert late_s["hard_cut"] == pytest.approx(results["delay"]["value"])
     assert late_s["hard_cut"] == pytest.approx(late_s["soft_cut"], abs=0.2e-9)
     assert late_s["fractional_loss"] > late_s["soft_cut"] + 0.2e-9
+
+
+@pytest.mark.parametrize(("uncertainty", "status"), [(0.0, "other_family"), (0.05, "ok")])
+def test_a_pulse_wrong_by_its_uncertainty_is_no_other_family(uncertainty: float, status: str) -> None:
+    # Given a hard cut of a pulse that is told 5 % too long, to which a soft edge is nearest
+    told = KnownPulse(1.05 * 5.4e-9, 1.05 * 8e-9, uncertainty, uncertainty)
+    results = analysed(replace(TRUTH, snr=200.0).shots(300, 3), pulse=told)
+    # Then it is another family only where the pulse is said to be known better
+    assert results["preferred_family"] == "soft_cut"
+    assert results["status"] == status
 
 
 # ---- the course of a run

@@ -115,8 +115,10 @@ def _land_lines(results: dict[str, Any]) -> list[str]:
         f"footprints: {land['status']}, {land['footprints_inside']} of {land['footprints']} on the curve"
     ]
     if land["curve"] is not None:
+        side = "far" if land["bias"]["value"] > 0 else "near"
+        bias = {**land["bias"], "value": abs(land["bias"]["value"])}
         lines.append(
-            f"at {1e9 * land['bias_fwhm_s']:.3g} ns a pulse appears {one_text(land['bias'])} too far; "
+            f"at {1e9 * land['bias_fwhm_s']:.3g} ns a pulse appears {one_text(bias)} too {side}; "
             f"the curve leaves {one_text(land['residual'])} rms, "
             f"at most {one_text(land['residual_largest'])} at one width"
         )

@@ -143,4 +143,4 @@ def _lines(results: dict[str, Any]) -> list[str]:
     if results["delay"] is not None:
         lines.append(f"delay ({results['definition']}): {one_text(results['delay'])}")
     fit = ", ".join(one.replace("_", " ") for one in results["families_that_fit"])
-    return [*lines, f"what may have happened to the pulse: {fit}", said]
+    return [*lines, f"what fits, with pulse and receiver taken as known: {fit}", said]
