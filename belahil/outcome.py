@@ -138,6 +138,8 @@ class Outcome:
         For each key of ``[limits]`` what is compared with it; None where nothing was measured.
     checks : sequence of Check
         What the procedure itself compares and decides, whatever ``[limits]`` holds; the verdict covers both.
+    said : sequence of str
+        What the terminal tells of the results, line by line; the report begins with it.
     """
 
     results: dict[str, Any]
@@ -149,3 +151,4 @@ class Outcome:
     notes: Sequence[str] = ()
     verdict_values: Mapping[str, Sequence[tuple[str, Estimate | None]]] = field(default_factory=dict)
     checks: Sequence[Check] = ()
+    said: Sequence[str] = ()

@@ -60,14 +60,16 @@ def budget(quantity: str, unit: str, parts: Mapping[str, float]) -> list[BudgetL
 def prefix_power(size: float, unit: str) -> int:
     """Power of ten, a multiple of three, that writes a number of this size with one to three digits.
 
-    A unit with a number in it ("1", "1e-6", "V-2") takes no prefix, nor do decibels.
+    A unit that begins with a number or a power ("1", "1e-6", "V-2") takes no prefix, nor do decibels.
 
     Examples
     --------
     >>> prefix_power(19e6, "Hz"), prefix_power(0.83e-3, "V"), prefix_power(1234.0, "1")
     (6, -6, 0)
+    >>> prefix_power(0.31e-6, "J V-1 s-1"), prefix_power(0.31e-6, "V-2")
+    (-9, 0)
     """
-    if any(map(str.isdigit, unit)) or unit == "dB" or size == 0 or not math.isfinite(size):
+    if any(map(str.isdigit, unit.partition(" ")[0])) or unit == "dB" or size == 0 or not math.isfinite(size):
         return 0
     return min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), min(PREFIXES)), max(PREFIXES))
 
@@ -107,6 +109,8 @@ def written(value: float, standard_uncertainty: float, power: int = 0) -> str:
     '19.0123(35)'
     >>> written(5.2, 1.26), written(1234.5, 321.0), written(5.19, 0.0)
     ('5.2(1.3)', '1230(320)', '5.19')
+    >>> written(-1e-4, 0.064)
+    '0.000(64)'
     """
     if not (math.isfinite(value) and math.isfinite(standard_uncertainty)) or standard_uncertainty <= 0:
         return f"{value / 10**power:.6g}" if standard_uncertainty == 0 else f"{value / 10**power:.6g}(?)"
@@ -117,6 +121,7 @@ def written(value: float, standard_uncertainty: float, power: int = 0) -> str:
     spread, number = _rounded(spread, place), _rounded(number, place)
     if place >= 0:
         return f"{int(number)}({int(spread)})"
+    number = number or abs(number)  # no "-0.00"
     inside = f"{spread:f}" if spread >= 1 else str(int(spread.scaleb(-place)))
     return f"{number:f}({inside})"
 

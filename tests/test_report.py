@@ -249,6 +249,38 @@ def test_a_column_with_a_whole_number_keeps_the_unit_of_its_key() -> None:
     assert (only.columns, only.rows) == (("width (s)",), (("0.5",), ("3",), ("2e-09",)))
 
 
+def test_objects_within_a_row_are_a_table_of_their_own() -> None:
+    # Given rows of which one holds two objects, one none and one not even the key
+    lines = [{"frequency": {"value": 1e6, "standard_uncertainty": 1e4, "unit": "Hz"}}, {"frequency": None}]
+    rows = [{"code": 3, "off": {"lines": lines}}, {"code": 4, "off": {"lines": []}}, {"code": 5}]
+
+    # When they are laid out
+    first, second = grids({"gain_codes": rows})
+
+    # Then the objects are rows beside the code that they belong to, and no cell holds a bracket
+    assert (first.columns, first.rows) == (("code",), (("3",), ("4",), ("5",)))
+    assert second.title == "gain codes, off lines"
+    assert second.columns == ("code", "frequency (MHz)")
+    assert second.rows == (("3", "1.000(10)"), ("3", "\N{EN DASH}"))
+
+
+@pytest.mark.parametrize("value", [0.0, -1e-15, 3e-12])
+def test_a_number_within_its_uncertainty_has_the_prefix_of_the_uncertainty(value: float) -> None:
+    told = {"value": value, "standard_uncertainty": 65e-12, "unit": "s"}
+    (only,) = grids({"rows": [{"late": told}, {"late": told | {"value": 1e-9}}, {"late": told}]})
+    assert one_text(told) == f"{round(1e12 * value) + 0.0:.0f}(65) ps"
+    assert only.columns == ("late (ps)",)
+    assert only.rows[1] == ("1000(65)",)
+
+
+def test_the_page_begins_with_what_the_terminal_tells(tmp_path: Path) -> None:
+    with begin(tmp_path / "run") as run:
+        run.finish(outcome(said=["threshold: 17 % & more"]))
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "<h2>In short</h2>" in page
+    assert page.index("<li>threshold: 17 % &amp; more</li>") < page.index("<h2>Results</h2>")
+
+
 def test_results_of_any_shape_are_laid_out() -> None:
     results = json.loads(
         '{"clock_ppm": {"value": 12.3456, "standard_uncertainty": 0.123, "unit": "1e-6"}, "empty": [],'

@@ -7,7 +7,7 @@ import sys
 import time
 import traceback
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,7 +119,7 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
             if given.out is None and not given.json:
                 print(f"run folder: {folder}", flush=True)
             _measure(procedure, bench, run, plan, given)
-        return _finish(procedure, run, plan, given), folder
+        return _finish(procedure, job, run, plan, given), folder
 
 
 def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], Path]:
@@ -143,7 +143,7 @@ def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], 
                 plan = procedure.plan(bench, _options(procedure, job, run.begun.options))
                 run.confirm(plan.as_json(), bench.identities)
                 _measure(procedure, bench, run, plan, given)
-            return _finish(procedure, run, plan, given), folder
+            return _finish(procedure, job, run, plan, given), folder
 
 
 def _take(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path) -> tuple[dict[str, Any], Path]:
@@ -195,7 +195,7 @@ def _finish_taken(procedure: Any, job: Job, given: Common, run: Run) -> dict[str
             run.shot(recorded.request(place), lambda one=shot: one)  # type: ignore[misc]
             progress(place + 1, len(recorded))
     signals.check()
-    return _finish(procedure, run, plan, given)
+    return _finish(procedure, job, run, plan, given)
 
 
 def _module(job: Job) -> Any:
@@ -246,7 +246,7 @@ def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -
             print(pace, file=sys.stderr)
 
 
-def _finish(procedure: Any, run: Run, plan: Any, given: Common) -> dict[str, Any]:
+def _finish(procedure: Any, job: Job, run: Run, plan: Any, given: Common) -> dict[str, Any]:
     from belahil.cli.circumstances import conditions, not_modelled
 
     def tell(step: str) -> None:
@@ -255,6 +255,7 @@ def _finish(procedure: Any, run: Run, plan: Any, given: Common) -> dict[str, Any
 
     tell("analysing")
     outcome = procedure.analyse(plan, run.shots(), run.config)
+    outcome = replace(outcome, said=job.lines(outcome.results))
     return run.finish(outcome, conditions(run), not_modelled(run), tell)
 
 

@@ -41,6 +41,7 @@ def material(
         What an emulated or simulated bench leaves out.
     """
     return {
+        "said": list(outcome.said),
         "budget": [asdict(line) for line in outcome.budget],
         "checks": [
             asdict(check) | {"estimate": check.estimate.as_json() if check.estimate else None}

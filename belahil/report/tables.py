@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 import statistics
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from belahil.uncertainty import PREFIXES, prefix_power, written
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
 
 SUFFIXES = {"hz": "Hz", "v": "V", "vpp": "Vpp", "s": "s", "j": "J", "ppm": "ppm", "db": "dB", "ohm": "ohm"}
 MISSING = "\N{EN DASH}"
@@ -35,6 +38,9 @@ class Grid:
 def grids(results: dict[str, Any]) -> list[Grid]:
     """Lay out the results of any procedure: a table for each list of objects, one more for all the rest.
 
+    A list of objects within the objects of a list is a table of its own, whose first column tells where a row
+    belongs.
+
     Parameters
     ----------
     results : dict
@@ -42,7 +48,12 @@ def grids(results: dict[str, Any]) -> list[Grid]:
     """
     lists = {key: value for key, value in results.items() if _is_table(value)}
     rest = {key: value for key, value in results.items() if key not in lists}
-    found = [_grid(named(key), [_flat(row) for row in rows]) for key, rows in lists.items()]
+    found = []
+    for key, rows in lists.items():
+        flat = [_flat(row) for row in rows]
+        within = dict.fromkeys(name for row in flat for name, value in row.items() if _is_table(value))
+        found.append(_grid(named(key), [_without(row, within) for row in flat]))
+        found += [_grid(f"{named(key)}, {named(name)}", _inner(flat, name)) for name in within]
     if rest:
         rows = tuple(_row(key, value) for key, value in _flat(rest).items())
         found.insert(0, Grid("Results", ("quantity", "value"), rows))
@@ -67,11 +78,28 @@ def named(key: str, value: Any = None) -> str:
 
 
 def one_text(value: Any) -> str:
-    """Write one result with its unit."""
+    """Write one result with its unit.
+
+    Examples
+    --------
+    >>> one_text({"value": -1e-15, "standard_uncertainty": 65e-12, "unit": "s"})
+    '0(65) ps'
+    """
     if _is_measured(value):
-        power = prefix_power(value["value"], value["unit"])
+        power = prefix_power(_size(value), value["unit"])
         return f"{_cell(value, power)} {unit_text(value['unit'], power)}".strip()
     return _cell(value, 0)
+
+
+def counted(points: Mapping[str, int]) -> str:
+    """Write how many windows have each status.
+
+    Examples
+    --------
+    >>> counted({"ok": 25, "saturated": 11})
+    '25 ok, 11 saturated'
+    """
+    return ", ".join(f"{count} {status}" for status, count in points.items())
 
 
 def span_text(key: str, low: float, high: float) -> str:
@@ -104,6 +132,12 @@ def _is_measured(value: Any) -> bool:
     return isinstance(value, dict) and value.keys() >= {"value", "standard_uncertainty", "unit"}
 
 
+def _size(measured: dict[str, Any]) -> float:
+    """Size by which a measured number gets its prefix: one that may be zero has that of its uncertainty."""
+    value, spread = abs(measured["value"]), measured["standard_uncertainty"]
+    return float(max(value, spread) if math.isfinite(spread) else value)
+
+
 def _flat(row: dict[str, Any], before: str = "") -> dict[str, Any]:
     cells: dict[str, Any] = {}
     for key, value in row.items():
@@ -115,6 +149,19 @@ def _flat(row: dict[str, Any], before: str = "") -> dict[str, Any]:
     return cells
 
 
+def _without(row: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    return {key: value for key, value in row.items() if key not in names}
+
+
+def _inner(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
+    """Lay out the objects in one cell of each row as rows that begin with what their own row begins with."""
+    found = []
+    for row in rows:
+        first = next(iter(row))
+        found += [{first: row[first]} | _flat(one) for one in row.get(name) or ()]
+    return found
+
+
 def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
     keys = list(dict.fromkeys(key for row in rows for key in row))
     powers: dict[str, int] = {}
@@ -123,7 +170,7 @@ def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
         filled = [row[key] for row in rows if row.get(key) is not None]
         measured = [cell for cell in filled if _is_measured(cell)]
         unit = measured[0]["unit"] if measured else _plain_unit(key)
-        sizes = [abs(cell["value"]) for cell in measured]
+        sizes = [_size(cell) for cell in measured]
         # A zero among plain numbers, such as no noise, says nothing of the size of the others.
         if all(isinstance(cell, float) for cell in filled):
             sizes = [abs(cell) for cell in filled if cell]
