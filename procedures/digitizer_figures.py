@@ -25,8 +25,6 @@ _LEAST_DBFS = -140.0
 def digitizer_figure(readings: DigitizerReadings, by_code: list[SinePoint], found: Converters) -> Figure:
     """Draw a spectrum, SINAD, SFDR and THD by gain code, and the skew by frequency."""
     figure = Figure(figsize=(12.0, 4.2), layout="constrained")
-    # The report writes below it where the data are from.
-    figure.get_layout_engine().set(rect=(0, 0.035, 1, 0.965))  # type: ignore[call-arg, union-attr]
     figure.set_label(
         "Left: spectrum of one record of the highest level, Hann taper, in dB of a full-scale sine; "
         "triangles mark harmonics 2 to 10, circles what differs between the converters. Middle: "
@@ -122,7 +120,7 @@ def _by_code(axes: Axes, by_code: list[SinePoint]) -> None:
     _marks(axes, codes, [one.sinad for one in qualities], [0.0] * len(codes), "o", BLUE, "SINAD", 1)
     axes.set_xlabel("gain code")
     axes.set_ylabel("dB")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     if seen:
         axes.legend(fontsize=8)
     else:

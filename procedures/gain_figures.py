@@ -132,9 +132,9 @@ def _gain_and_noise(axes: Axes, found: Characterization) -> None:
     axes.set_xlabel("gain code")
     axes.set_ylabel("gain, V/V", color=COLOURS[0])
     twin.set_ylabel("noise, mV rms", color=COLOURS[4])
-    axes.set_ylim(bottom=0)
-    twin.set_ylim(bottom=0)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    for one in (axes, twin):
+        one.set_ylim(0, 1.05 * one.get_ylim()[1])
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
 
 
 def _input_noise(axes: Axes, found: Characterization) -> None:
@@ -145,7 +145,7 @@ def _input_noise(axes: Axes, found: Characterization) -> None:
     ]
     axes.set_xlabel("gain code")
     axes.set_ylabel("input-referred noise, µV rms")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     if not pairs:
         axes.text(0.5, 0.5, "no usable point", transform=axes.transAxes, ha="center")
         return
@@ -168,6 +168,7 @@ def _input_noise(axes: Axes, found: Characterization) -> None:
             textcoords="offset points",
             ha="center",
             fontsize=9,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5},
             color=COLOURS[4],
         )
         axes.margins(y=0.15)

@@ -22,8 +22,6 @@ BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 def noise_figure(found: NoiseResults) -> Figure:
     """Draw noise by gain code, noise by gain, noise density by frequency, and what is locked to the shot."""
     figure = Figure(figsize=(11.0, 7.2), layout="constrained")
-    # The report writes below it where the data are from.
-    figure.get_layout_engine().set(rect=(0, 0.02, 1, 0.98))  # type: ignore[call-arg, union-attr]
     figure.set_label(
         "(a) Analog noise at the converter by gain code with the laser off and firing, and the raw value "
         "with quantization and converter offsets. (b) Noise divided by gain; the least value with the laser "
@@ -95,8 +93,8 @@ def _by_gain(axes: Axes, found: NoiseResults) -> None:
 def _by_integers(axes: Axes, label: str) -> None:
     axes.set_xlabel("gain code")
     axes.set_ylabel(label)
-    axes.set_ylim(bottom=0)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylim(0, 1.05 * axes.get_ylim()[1])
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8)
 

@@ -37,7 +37,11 @@ def parity_figure(found: Findings) -> Figure:
     if middle.has_data():
         middle.set_yscale("log")
         middle.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        middle.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
+        low, high = middle.get_ylim()
+        # Within a narrow span no 2 and no 5 may lie.
+        shown = "123456789" if high < 4 * low else "25"
+        middle.yaxis.set_minor_formatter(lambda value, _: f"{value:.3g}" if f"{value:e}"[0] in shown else "")
+        middle.set_xlim(left.get_xlim())
     if groups:
         left.legend(fontsize=9)
     _differences(right, found)

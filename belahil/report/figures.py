@@ -19,6 +19,7 @@ LABELS = {
     "hardware": "",
 }
 DOTS_PER_INCH = 160
+LABEL_INCHES = 0.145  # height of the label below a figure
 
 
 def save_figures(
@@ -62,6 +63,11 @@ def save_figures(
 
 
 def _mark(figure: Figure, label: str) -> None:
+    engine = figure.get_layout_engine()
+    if engine is not None and engine.get().get("rect") == (0, 0, 1, 1):
+        # Else the label stands on the legend of an axis.
+        foot = LABEL_INCHES / figure.get_figheight()
+        engine.set(rect=(0, foot, 1, 1 - foot))  # type: ignore[call-arg]
     figure.text(0.995, 0.005, label, ha="right", va="bottom", fontsize=8, color="#a00000", weight="bold")
     size = 4 * figure.get_figwidth()  # points, so that the words fill half the width
     figure.text(
