@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from belahil.errors import RefusedInput
 from belahil.outcome import Outcome
 from belahil.stimuli import NoSignal, Sine, Stimulus
+from belahil.uncertainty import sized
 from belahil.values import Shot, WindowRequest
 from procedures.coherent import default_frequencies
 from procedures.dark_noise import LEAST_SAMPLES
@@ -179,8 +180,11 @@ def recorded_plan(recorded: RecordedWindows, options: GainOptions) -> GainPlan:
     ):
         lacking = [code for code in (options.codes or codes or (None,)) if code not in there]
         if lacking:
-            told = ", ".join(map(str, lacking))
-            raise RefusedInput(f"{recorded.path}: no window with {kind} at gain code {told}")
+            told = ", ".join(str(code) for code in lacking if code is not None)
+            where = told and f" at gain code {told}"
+            raise RefusedInput(
+                f"{recorded.path}: no window with {kind}{where}; needed are windows of belahil characterize"
+            )
     lengths = sorted({count for _, _, _, _, count in found})
     if len(lengths) > 1 or lengths[0] < LEAST_SAMPLES:
         raise RefusedInput(
@@ -214,7 +218,8 @@ def _refuse_unmeasurable(plan: GainPlan, rate_hz: float) -> None:
     told = ", ".join(f"{one / 1e6:g}" for one in plan.frequencies_hz)
     raise RefusedInput(
         f"frequencies {told} MHz: {measurable} of them can be measured, a gain needs 2; allowed: at least "
-        f"{half_hz:.3g} Hz away from 0 and not a multiple of fs/{step} = {rate_hz / step / 1e6:g} MHz"
+        f"{sized(half_hz, 'Hz', 3)} away from 0 and not a multiple of fs/{step} = "
+        f"{rate_hz / step / 1e6:g} MHz"
     )
 
 

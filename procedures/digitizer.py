@@ -19,6 +19,7 @@ from belahil import butterworth
 from belahil.errors import RefusedInput
 from belahil.generators import per_50_ohm
 from belahil.stimuli import Sine
+from belahil.uncertainty import sized
 from belahil.values import Shot, WindowRequest
 from procedures.coherent import coherent_frequency
 from procedures.dark_noise import LEAST_SAMPLES
@@ -226,7 +227,7 @@ def _refuse_unmeasurable(frequency_hz: float, rate_hz: float, count: int, interl
         step = 4 if interleaved else 2
         raise RefusedInput(
             f"frequency {frequency_hz / 1e6:g} MHz: no sine can be measured there; allowed: at least "
-            f"{rate_hz / count / 2:.3g} Hz away from 0 and not a multiple of fs/{step} = "
+            f"{sized(rate_hz / count / 2, 'Hz', 3)} away from 0 and not a multiple of fs/{step} = "
             f"{rate_hz / step / 1e6:g} MHz"
         )
 

@@ -16,6 +16,7 @@ from belahil.errors import RefusedInput
 from belahil.generators import round_to_step
 from belahil.pulse_fit import CURVATURE
 from belahil.stimuli import SampledPulse
+from belahil.uncertainty import sized
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -97,8 +98,8 @@ def gaussian_train(pulses: Sequence[TrainPulse], model: GeneratorModel) -> Sampl
     narrowest_s, finest_s = min(one.fwhm_s for one in pulses), 1 / model.max_arb_rate_hz
     if narrowest_s < finest_s * (1 - 1e-9):
         raise RefusedInput(
-            f"a pulse {narrowest_s:.4g} s wide: {model.name} plays points {finest_s:.4g} s apart, "
-            f"and that is the least width"
+            f"a pulse {sized(narrowest_s, 's', 4)} wide: {model.name} plays points "
+            f"{sized(finest_s, 's', 4)} apart, and that is the least width"
         )
     rate_hz = round_to_step(min(model.max_arb_rate_hz, POINTS_PER_WIDTH / narrowest_s), 1e-6)
     start_s = math.inf

@@ -147,8 +147,11 @@ def recorded_plan(recorded: RecordedWindows, options: NoiseOptions) -> NoisePlan
     )
     missing = [code for code in wanted if (code, False) not in {one[1:] for one in windows}]
     if missing or not codes:
-        told = ", ".join(map(str, missing)) or "any"
-        raise RefusedInput(f"{recorded.path}: no window without a signal at gain code {told}")
+        told = ", ".join(str(code) for code in missing if code is not None)
+        where = told and f" at gain code {told}"
+        raise RefusedInput(
+            f"{recorded.path}: no window without a signal{where}; needed are dark windows with the laser off"
+        )
     lengths = {there[row].sample_count for row, _, _ in windows}
     if min(lengths) < LEAST_SAMPLES:
         raise LimitExceeded(

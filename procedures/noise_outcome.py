@@ -206,6 +206,12 @@ def _notes(plan: NoisePlan, found: NoiseResults, known: KnownReceiver) -> list[s
     if odd:
         where = ", ".join(str(code) for code in odd if code is not None)
         notes.append(f"The dark noise is not Gaussian{where and f' at gain code {where}'}.")
+    lacking = [str(one.code) for one in found.codes if one.off.rms is not None and one.input_off is None]
+    if lacking:
+        notes.append(
+            f"The gain at gain code {', '.join(lacking)} is not known, so that it is not among those of "
+            "which the best is named."
+        )
     near = found.runner_up
     if near is not None and near[1].value <= 2 * near[1].standard_uncertainty:
         notes.append(

@@ -95,8 +95,8 @@ class TofOptions:
                 raise RefusedInput(f"widths and heights: {one!r} must be positive and finite")
         if max(self.widths_s) > SHORTEST_S / 6:
             raise RefusedInput(
-                f"a width of {max(self.widths_s):.4g} s: at most {SHORTEST_S / 6:.4g} s is allowed, so that "
-                "pulses 1 us apart do not overlap"
+                f"a width of {sized(max(self.widths_s), 's', 4)}: at most {sized(SHORTEST_S / 6, 's', 4)} "
+                "is allowed, so that pulses 1 us apart do not overlap"
             )
         if self.separations < 2 or self.shots < 1:
             raise RefusedInput(

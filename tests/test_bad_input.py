@@ -104,7 +104,7 @@ def test_a_bench_file_that_is_wrong(
         (["--amplitudes-mvpp", "0.0001"], ["1e-07", "0.001"]),
         (["--frequencies-mhz", "20"], ["frequencies 20 MHz: 0 of them", "not a multiple of fs/4 = 20 MHz"]),
         (["--frequencies-mhz", "20,1,1"], ["frequencies 20, 1 MHz: 1 of them", "a gain needs 2"]),
-        (["--frequencies-mhz", "0.002,5"], ["1 of them", "at least 2.49e+03 Hz away from 0"]),
+        (["--frequencies-mhz", "0.002,5"], ["1 of them", "at least 2.49 kHz away from 0"]),
     ],
 )
 def test_what_this_bench_cannot_do_is_refused_before_a_run_begins(

@@ -602,9 +602,11 @@ def test_the_line_without_a_best_code_says_which_codes_are_in_its_way() -> None:
     from belahil.cli.characterize import _lines
 
     statuses = ("noise_no_signal", "noise_no_signal", "ok", "too_few_points")
-    rows = [{"code": code, "gain": 5, "status": status} for code, status in enumerate(statuses)]
+    unknown = {"cutoff": None, "input_noise_rms": None}
+    rows = [{"code": code, "gain": 5, "status": status, **unknown} for code, status in enumerate(statuses)]
     assert _lines({"gain_codes": rows, "best_code": None}) == [
-        "no best gain code: noise_no_signal at code 0, 1; too_few_points at code 3"
+        *(f"gain code {code}: gain 5, cut-off \u2013, input noise \u2013" for code in range(4)),
+        "no best gain code: noise_no_signal at code 0, 1; too_few_points at code 3",
     ]
 
 
@@ -614,8 +616,18 @@ def test_the_lines_of_noise_suit_their_receiver() -> None:
     rows = [{"code": None, "noise_rms": 1, "firing": None}]
     assert _lines({"gain_codes": rows, "best_code": None}) == ["receiver without gain codes: noise 1"]
     burst = {"status": "ok", "peak": 4}
-    rows = [{"code": 3, "noise_rms": 2, "firing": {"noise_rms": 3, "burst": burst}}]
-    rows += [{"code": 5, "noise_rms": 2, "firing": {"noise_rms": 2, "burst": {"status": "no_burst"}}}]
+    none = {"status": "no_burst"}
+    fired: list[tuple[int, int, dict[str, Any], int | None]]
+    fired = [(3, 3, burst, 1), (5, 2, none, 1), (7, 2, none, None)]
+    rows = [
+        {
+            "code": code,
+            "noise_rms": 2,
+            "firing": {"noise_rms": rms, "burst": one},
+            "combined_input_noise_rms": at_input,
+        }
+        for code, rms, one, at_input in fired
+    ]
     clipped = {"noise_rms": None, "status": "clipped", "burst": None}
     hidden = [{"code": 3, "noise_rms": None, "status": "ok", "firing": clipped}]
     assert _lines({"gain_codes": hidden, "best_code": None})[-1] == "no best gain code: clipped at code 3"
@@ -623,7 +635,9 @@ def test_the_lines_of_noise_suit_their_receiver() -> None:
     assert _lines({"gain_codes": rows, "best_code": 3, "best_code_runner_up": near}) == [
         "gain code 3: noise 2, firing 3 with a burst of 4",
         "gain code 5: noise 2, firing 2",
+        "gain code 7: noise 2, firing 2",
         "best gain code: 3; code 5 is within the uncertainty",
+        "not compared, for want of a gain or of noise: code 7",
     ]
 
 

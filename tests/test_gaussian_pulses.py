@@ -119,7 +119,7 @@ def test_a_bench_plays_it() -> None:
         (math.nan, 0.1, 1e-6, "both must be finite"),
         (1e-8, 0.0, 1e-6, "both must be finite"),
         (1e-8, math.inf, 1e-6, "both must be finite"),
-        (3.9e-9, 0.1, 1e-6, "points 4e-09 s apart"),
+        (3.9e-9, 0.1, 1e-6, "points 4 ns apart"),
         (20e-9, 0.1, 40e-9, "must begin after the trigger"),
         (20e-9, 0.1, math.nan, "must begin after the trigger"),
         (20e-9, 0.1, math.inf, "must begin after the trigger"),

@@ -14,7 +14,7 @@ from belahil.cli.options import Decimals, common, common_options, receiver_optio
 @click.option(
     "--gain-code", "code", type=click.IntRange(min=0), metavar="N", help="Gain code; 4 when left out."
 )
-@click.option("--widths", type=int, metavar="N", help="Pulse widths to play; 14 when left out.")
+@click.option("--widths", type=int, metavar="N", help="Pulse widths to play, 8 to 200; 14 when left out.")
 @click.option("--pulse-windows", type=int, metavar="N", help="Windows for each width; 20 when left out.")
 @click.option("--peak-mv", type=Decimals(-3), metavar="X", help="Height of the pulses at the cut; 100.")
 @click.option("--terrain", metavar="FILE|SCENE", help="A GeoTIFF, or a scene; made terrain when left out.")

@@ -67,12 +67,14 @@ def _lines(results: dict[str, Any]) -> list[str]:
         )
 
     rows, best = results["gain_codes"], results["best_code"]
+    lines = [f"gain code {row['code']}: {numbers(row)}" for row in rows if len(rows) > 1 and row["gain"]]
     if best is not None:
         near = _near(results["best_code_runner_up"])
-        return [f"best gain code: {best} ({numbers(row)}){near}" for row in rows if row["code"] == best]
+        lines += [f"best gain code: {best} ({numbers(row)}){near}" for row in rows if row["code"] == best]
+        return lines
     if [row["code"] for row in rows] != [None]:
-        some = any(row["gain"] is not None for row in rows)
-        return [f"{'no best gain code' if some else 'no gain code could be characterized'}: {_why(rows)}"]
+        said = "no best gain code" if lines or rows[0]["gain"] else "no gain code could be characterized"
+        return [*lines, f"{said}: {_why(rows)}"]
     if rows[0]["gain"] is None:
         return [f"the receiver could not be characterized: {rows[0]['status']}"]
     return [f"receiver without gain codes: {numbers(rows[0])}"]

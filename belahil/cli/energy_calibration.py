@@ -72,17 +72,29 @@ def command(
 
 
 def _lines(results: dict[str, Any]) -> list[str]:
-    from belahil.report.tables import one_text
+    from belahil.report.tables import counted, one_text
+    from belahil.uncertainty import sized
 
     if results["status"] != "ok":
-        return [f"no line: {results['status']}; windows: {results['points']}"]
+        return [f"no line: {results['status']}; windows: {counted(results['points'])}"]
     lines = []
     for name, words in (("gaussian", "fitted Gaussian"), ("window", "correlation window")):
         one, printed = results["measured"][name], results["published"][name]
+        unit = one["slope"]["unit"]
         lines.append(
-            f"{words}: slope {one_text(one['slope'])} (published {1e9 * printed['slope']:.0f}), "
+            f"{words}: slope {one_text(one['slope'])} (published {sized(printed['slope'], unit, 3)}), "
             f"intercept by slope {one_text(one['intercept_by_slope'])} "
             f"(published {1e9 * printed['intercept_by_slope']:.2f} ns), "
             f"{100 * one['left']:.1f} % left after the curve (published {100 * printed['left']:.1f} %)"
         )
+        agreement = results["agreement"][name]
+        if agreement is not None:
+            lines.append(
+                f"{words}, against the known receiver: chi-square {agreement['chi_square']:.1f} for "
+                f"{agreement['degrees_of_freedom']} widths"
+            )
+    areas = (f"{one_text(one['ratio'])} at {1e3 * one['peak_v']:.3g} mV" for one in results["linearity"])
+    lines.append(f"area found by area played, 1 for a linear receiver: {', '.join(areas)}")
+    if results["points"].keys() != {"ok"}:
+        lines.append(f"windows: {counted(results['points'])}")
     return lines

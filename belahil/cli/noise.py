@@ -66,6 +66,9 @@ def _lines(results: dict[str, Any]) -> list[str]:
         lines.append(f"{name(row['code'])}: noise {one_text(row['noise_rms'])}{more}")
     if results["best_code"] is not None:
         lines.append(f"best gain code: {results['best_code']}{_near(results['best_code_runner_up'])}")
+        lacking = [str(row["code"]) for row in results["gain_codes"] if not row["combined_input_noise_rms"]]
+        if lacking:
+            lines.append(f"not compared, for want of a gain or of noise: code {', '.join(lacking)}")
     elif [row["code"] for row in results["gain_codes"]] != [None]:
         lines.append(f"no best gain code{_why(results['gain_codes'])}")
     return lines

@@ -69,10 +69,10 @@ def _rms(told: dict[str, Any] | None) -> str:
 
 
 def _lines(results: dict[str, Any]) -> list[str]:
-    from belahil.report.tables import one_text
+    from belahil.report.tables import counted, one_text
 
     if results["status"] != "ok":
-        return [f"no scale: {results['status']}; windows: {results['points']}"]
+        return [f"no scale: {results['status']}; windows: {counted(results['points'])}"]
     lines = [f"clock error {one_text(results['clock_ppm'])}"]
     for one in results["wobble"]:
         lines.append(f"pulses of {1e9 * one['width_s']:.0f} ns: wobble {_rms(one['rms'])}")
@@ -81,4 +81,16 @@ def _lines(results: dict[str, Any]) -> list[str]:
         f"delay {one_text(one['delay'])}, range {one_text(one['range'])}"
         for one in results["range_walk"][1:]
     ]
+    agreement, bins = results["agreement"], results["linearity"]
+    if agreement is not None:
+        lines.append(
+            f"delays against the known receiver: chi-square {agreement['chi_square']:.1f} for "
+            f"{agreement['degrees_of_freedom']}"
+        )
+    if bins is not None:
+        lines.append(
+            f"linearity of the clock: chi-square {bins['chi_square']:.1f} for {bins['bins']} distances"
+        )
+    if results["points"].keys() != {"ok"}:
+        lines.append(f"windows: {counted(results['points'])}")
     return lines
