@@ -85,7 +85,9 @@ class ReceiverDelays:
     received : DelayCurve
         d_R: delay of received pulses against the detected width.
     transmitted : Estimate
-        d_T: delay of the detected transmitted pulse, s, by the same definition of a pulse's time.
+        d_T: delay of the detected transmitted pulse, s, from the centroid of all the light that was emitted,
+        as `received` counts from the centroid of what enters: ``centre_minus_full_centroid`` of
+        `procedures.tx_definitions`.
     spread_s : float
         Standard deviation of the delays of single pulses about the curve, s, not negative.
 

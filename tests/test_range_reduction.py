@@ -18,6 +18,9 @@ from procedures.range_reduction import (
     delays_from_published,
     reduce_range,
 )
+from procedures.tx_definitions import CorrelationWindow, delays_s
+from procedures.tx_pulse import tailed_pulse
+from procedures.tx_response import CutResponses
 from sim.filter_delay import detected, filter_delay_curve
 from sim.kernel import Kernel
 from sim.pulse_shape import FWHM_OF_SIGMA, PulsePiece, PulseShape
@@ -40,6 +43,35 @@ def arrival(
     pulse = gaussian_fit(samples, INTERVAL_S).pulse
     assert pulse is not None
     return first * INTERVAL_S + pulse.arrival_s, pulse.fwhm_s
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.17, 0.3])
+@pytest.mark.parametrize("broadened_s", [25e-9, 60e-9])
+def test_a_pulse_that_a_fibre_cuts_is_timed_from_the_centroid_of_the_whole(
+    threshold: float, broadened_s: float
+) -> None:
+    # Given a pulse with a tail, cut by a fibre on its way to the receiver, and its whole echo from a slope
+    poles, range_m = butterworth.poles(19e6, 3, 0.0), 500e3
+    gate = CorrelationWindow(INTERVAL_S, 42)
+    sent, echo = tailed_pulse(5.4e-9, 3e-9), tailed_pulse(math.hypot(5.4e-9, broadened_s), 3e-9)
+    late_s = delays_s(gate, CutResponses(sent, poles, 0, gate.times_s).exact(threshold), sent, threshold)
+    came_s = gate.centre_s(CutResponses(echo, poles, 0, gate.times_s).exact(0.0))
+    assert late_s is not None
+    assert came_s is not None
+    # Seen from the peak of the sent light, the centroid of the echo is a flight after that of the whole pulse
+    received_s = 2 * range_m / LIGHT_M_PER_S + sent.centroid_s() - echo.centroid_s() + came_s
+
+    def reduced_m(delay_s: float) -> float:
+        delays = ReceiverDelays(filter_delay_curve(poles, INTERVAL_S), exactly(delay_s))
+        width = exactly(math.hypot(broadened_s, 20e-9))
+        found = reduce_range(exactly(received_s), width, exactly(late_s["centre_minus_peak"]), delays, ())
+        assert found.range is not None
+        return found.range.value
+
+    # Then the range comes back, but for what the tail of the echo adds to the curve of Gaussian pulses
+    assert reduced_m(late_s["centre_minus_full_centroid"]) == pytest.approx(range_m, abs=0.02)
+    # And that from the peak would be too long
+    assert reduced_m(late_s["centre_minus_peak"]) > range_m + 0.1
 
 
 @pytest.mark.parametrize("cutoff_hz", [15e6, 17e6, 19e6])
