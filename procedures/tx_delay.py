@@ -154,6 +154,8 @@ def plan(bench: Bench, options: TxDelayOptions) -> TxPlan:
     ------
     LimitExceeded
         A gain code or a window that the receiver does not have, or one that its shot pulse cannot start.
+    RefusedInput
+        A gain code of which the characterization knows nothing.
     ConfigError
         A table that cannot be used.
     """
@@ -163,6 +165,9 @@ def plan(bench: Bench, options: TxDelayOptions) -> TxPlan:
         raise LimitExceeded(f"gain code {code}: this receiver has no gain codes")
     if codes is not None and code is None:
         code = BEST_CODE if BEST_CODE in codes else codes[0]
+    if options.receiver is not None:
+        # Before the laser fires: windows at another code could not be analysed.
+        options.receiver.at(code)
     made = _plan(options, code, options.shots, options.sample_count, spec.bits, spec.sample_interval_s)
     check_all(bench, made.shots)
     return made

@@ -42,6 +42,9 @@ _MEANS = {
     "threshold_weakly_determined": "the bound of the threshold is above 0.4 points",
     "no_gaussian_fit": "the detected pulse has no Gaussian fit, so there is no delay",
 }
+MEANINGS = _WHY | _MEANS
+"""What each status but ``ok`` says, in words."""
+
 NOT_MODELLED = (
     "Not modelled: a pulse whose shape changes from shot to shot, noise of the light, a receiver that "
     "depends on the amplitude, interference that is locked to the shot, and a wrong shape that looks like "

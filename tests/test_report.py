@@ -264,6 +264,14 @@ def test_objects_within_a_row_are_a_table_of_their_own() -> None:
     assert second.rows == (("3", "1.000(10)"), ("3", "\N{EN DASH}"))
 
 
+def test_an_object_that_is_null_in_a_row_has_no_column_beside_those_of_its_parts() -> None:
+    (only,) = grids({"rows": [{"late": None, "high": None}, {"late": {"rms": 2}, "high": None}]})
+    assert (only.columns, only.rows) == (
+        ("high", "late rms"),
+        (("\N{EN DASH}", "\N{EN DASH}"), ("\N{EN DASH}", "2")),
+    )
+
+
 @pytest.mark.parametrize("value", [0.0, -1e-15, 3e-12])
 def test_a_number_within_its_uncertainty_has_the_prefix_of_the_uncertainty(value: float) -> None:
     told = {"value": value, "standard_uncertainty": 65e-12, "unit": "s"}

@@ -404,6 +404,29 @@ def test_a_gain_code_that_is_not_there_is_refused() -> None:
         tx_delay.plan(bench, TxDelayOptions(code=16))
 
 
+@pytest.mark.parametrize("code", [0, 9])
+def test_a_gain_code_of_which_a_characterization_knows_nothing_is_refused_before_the_laser_fires(
+    code: int,
+) -> None:
+    known = preset_receiver(BenchConfig())
+    few = replace(known, codes=tuple(one for one in known.codes if one.code in (4, 5)))
+    with open_bench(hidden()) as bench, pytest.raises(RefusedInput, match=f"gain code {code}: .* of 4, 5$"):
+        tx_delay.plan(bench, TxDelayOptions(code=code, receiver=few))
+
+
+@pytest.mark.parametrize(
+    ("status", "line"),
+    [
+        ("no_pulse", "status: no_pulse (no pulse stands out of the noise in half of the windows)"),
+        ("ok", "status: ok"),
+    ],
+)
+def test_the_terminal_says_what_a_status_means(status: str, line: str) -> None:
+    from belahil.cli.tx_delay import _lines
+
+    assert _lines({"statuses": [status], "threshold": None}) == [line]
+
+
 def test_the_command_writes_a_run_and_takes_its_windows_again(tmp_path: Path, capsys: Any) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text('[generator]\naddress = "simulated"\n[digitizer]\nlink = "simulated"\n')

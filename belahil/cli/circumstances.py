@@ -32,6 +32,9 @@ def conditions(run: Run) -> dict[str, str]:
 
 
 def _told(value: object) -> str:
+    if isinstance(value, dict):
+        # A characterized receiver is all that is in its own report.
+        return str(value.get("origin") or ", ".join(f"{key} {one}" for key, one in value.items()))
     if isinstance(value, (list, tuple)):
         return ", ".join(map(str, value))
     return "default" if value is None else str(value)

@@ -129,10 +129,11 @@ def _seconds(nanoseconds: float | None) -> float | None:
 
 def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import one_text
+    from procedures.tx_outcome import MEANINGS
 
-    said = f"status: {', '.join(results['statuses'])}"
+    said = [f"status: {one}{f' ({MEANINGS[one]})' if one in MEANINGS else ''}" for one in results["statuses"]]
     if results["threshold"] is None:
-        return [said]
+        return said
     ends = results["threshold_interval"]
     span = f"{100 * ends['low']:.3g} to {100 * ends['high']:.3g} % of the peak with 95 %"
     lines = [f"threshold: {one_text(results['threshold'])}, {span}"]
@@ -143,4 +144,4 @@ def _lines(results: dict[str, Any]) -> list[str]:
     if results["delay"] is not None:
         lines.append(f"delay ({results['definition']}): {one_text(results['delay'])}")
     fit = ", ".join(one.replace("_", " ") for one in results["families_that_fit"])
-    return [*lines, f"what fits, with pulse and receiver taken as known: {fit}", said]
+    return [*lines, f"what fits, with pulse and receiver taken as known: {fit}", *said]

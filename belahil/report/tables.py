@@ -164,6 +164,9 @@ def _inner(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
 
 def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
     keys = list(dict.fromkeys(key for row in rows for key in row))
+    # Where an object is null its parts are missing, and have their dashes.
+    null = {key for key in keys if all(row.get(key) is None for row in rows)}
+    keys = [key for key in keys if key not in null or not any(one.startswith(f"{key} ") for one in keys)]
     powers: dict[str, int] = {}
     headings = []
     for key in keys:
