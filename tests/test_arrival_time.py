@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from belahil.bench import open_bench
+from belahil.cli.arrival_time import _land_lines
 from belahil.cli.main import main
 from belahil.config import BenchConfig, Interleave, simulated
 from belahil.errors import InterlockRefused, LimitExceeded, RefusedInput
@@ -361,6 +362,18 @@ def test_the_command_writes_a_run_and_takes_recorded_windows(tmp_path: Path, cap
     assert second["results"]["footprints"] is None
     assert main([*again, "--gain-code", "7", "--out", str(tmp_path / "third")]) == 2
     assert "no comb of pulses at gain code 7" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("value", "words"), [(-0.246, "246(21) mm too near"), (0.1, "100(21) mm too far")])
+def test_the_terminal_says_near_or_far(value: float, words: str) -> None:
+    metres = {"value": value, "standard_uncertainty": 0.021, "unit": "m"}
+    land = {
+        "status": "ok", "footprints_inside": 9, "footprints": 9, "curve": {}, "bias": metres,
+        "bias_fwhm_s": 100 * NS, "residual": metres, "residual_largest": metres,
+    }  # fmt: skip
+    assert words in "".join(_land_lines({"footprints": land}))
+    few = _land_lines({"footprints": {**land, "status": "too_few_points", "curve": None}})
+    assert "--footprints" in few[-1]
 
 
 def test_a_file_without_combs_is_refused(tmp_path: Path, capsys: Any) -> None:

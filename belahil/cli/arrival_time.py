@@ -114,6 +114,8 @@ def _land_lines(results: dict[str, Any]) -> list[str]:
     lines = [
         f"footprints: {land['status']}, {land['footprints_inside']} of {land['footprints']} on the curve"
     ]
+    if land["status"] == "too_few_points":
+        lines.append("too few widths have 20 footprints for a curve; --footprints takes more")
     if land["curve"] is not None:
         side = "far" if land["bias"]["value"] > 0 else "near"
         bias = {**land["bias"], "value": abs(land["bias"]["value"])}
