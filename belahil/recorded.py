@@ -6,6 +6,7 @@ variables; what is read, and what stands for the rest, is listed there.
 
 from __future__ import annotations
 
+import math
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -39,6 +40,9 @@ _DEFAULTS = {
     "laser_firing": 0,
 }
 """What stands for a variable that a file does not have; `stimulus` 0 is no signal."""
+
+_LAST_MS = 253_402_300_799_999
+"""Of the year 9999, ms since 1970."""
 
 _BATCH = 64
 """Windows that are read at once: 2 MB of the longest BELA windows."""
@@ -210,17 +214,26 @@ def _columns(file: Any, path: Path) -> dict[str, NDArray[Any]]:
                 f"--windows {path}: {name} has the shape {values.shape}; needed is ({rows},) or ()"
             )
         columns[name] = np.broadcast_to(values, (rows,))
-    if not np.all(np.isfinite(columns["volts_per_count"])) or not np.all(columns["sample_interval_s"] > 0):
-        raise RefusedInput(
-            f"--windows {path}: volts_per_count and sample_interval_s must be finite and above zero"
-        )
+    for name in NEEDED[1:]:
+        if not np.all((columns[name] > 0) & (columns[name] < math.inf)):
+            raise RefusedInput(
+                f"--windows {path}: volts_per_count and sample_interval_s must be finite and above zero"
+            )
+    for name in ("zero_count", "start_s"):
+        if not np.all(np.isfinite(columns[name])):
+            raise RefusedInput(f"--windows {path}: {name} must be finite")
+    if not np.all((columns["date"] >= 0) & (columns["date"] <= _LAST_MS)):
+        raise RefusedInput(f"--windows {path}: date must be ms since 1970, up to the year 9999")
     if not np.all((columns["sample_count"] >= 0) & (columns["sample_count"] <= samples)):
         raise RefusedInput(f"--windows {path}: sample_count must be from 0 to {samples}")
     kinds = columns["stimulus"]
     if not np.all((kinds >= 0) & (kinds < len(STIMULI))):
         raise RefusedInput(f"--windows {path}: stimulus must be from 0 to {len(STIMULI) - 1}")
     more = [name for name in file if name.startswith(("candidate_", "pulse_", "housekeeping_"))]
-    columns |= {name: np.asarray(file[name][()]) for name in more}
+    for name in more:
+        values = np.asarray(file[name][()])
+        columns[name] = values if values.ndim else np.broadcast_to(values, (rows,))
+    _check_candidates(columns, rows, path)
     for kind, names in ((Sine, ("frequency_hz", "amplitude_vpp", "offset_v")), (SampledPulse, _PULSE)):
         lacking = [name for name in names if name not in columns]
         if lacking and np.any(kinds == STIMULI.index(kind)):
@@ -230,6 +243,39 @@ def _columns(file: Any, path: Path) -> dict[str, NDArray[Any]]:
     return columns
 
 
+def _check_candidates(columns: Mapping[str, NDArray[Any]], rows: int, path: Path) -> None:
+    """Refuse candidates that are not there, or are no numbers, where their count says that there are some."""
+    for name, values in columns.items():
+        of_shots = name.startswith("housekeeping_") or name in (
+            "candidate_count",
+            "candidate_counts",
+            *_CANDIDATE,
+        )
+        if of_shots and values.shape[:1] != (rows,):
+            raise RefusedInput(
+                f"--windows {path}: {name} has the shape {values.shape}; needed are {rows} rows"
+            )
+    if "candidate_count" not in columns:
+        return
+    lacking = [name for name in _CANDIDATE if name not in columns]
+    if lacking:
+        raise RefusedInput(f"--windows {path}: has candidate_count, but no {', '.join(lacking)}")
+    tables = [columns[name] for name in (*_CANDIDATE, "candidate_counts") if name in columns]
+    if [table.ndim for table in tables] != [2, 2, 2, 2, 3][: len(tables)]:
+        raise RefusedInput(
+            f"--windows {path}: candidate_* must be by shot and candidate, counts by sample too"
+        )
+    most = min(table.shape[1] for table in tables)
+    count = columns["candidate_count"]
+    if count.ndim != 1 or not np.all((count >= 0) & (count <= most)):
+        raise RefusedInput(f"--windows {path}: candidate_count must be from 0 to {most} for each window")
+    there = np.arange(most) < count[:, None]
+    for name, table in zip(_CANDIDATE, tables, strict=False):
+        if not np.all(np.isfinite(table[:, :most][there])):
+            raise RefusedInput(f"--windows {path}: {name} must be finite for each candidate")
+
+
+_CANDIDATE = tuple(f"candidate_{name}" for name in ("arrival_s", "fwhm_s", "amplitude_v", "first_sample"))
 _PULSE = tuple(
     f"pulse_{name}"
     for name in ("of_shot", "volts", "sample_count", "sample_rate_hz", "start_s", "interpolation")
@@ -265,28 +311,42 @@ def _spec(file: Any, columns: Mapping[str, NDArray[Any]], path: Path) -> Digitiz
 
 
 def _pulses(columns: Mapping[str, NDArray[Any]], path: Path) -> tuple[SampledPulse, ...]:
-    if "pulse_volts" not in columns:
+    played = columns["stimulus"] == STIMULI.index(SampledPulse)
+    if "pulse_volts" not in columns or not played.any():
         return ()
-    made = []
-    for place, volts in enumerate(columns["pulse_volts"]):
-        poles: tuple[complex, ...] = ()
-        if "pulse_pole_real" in columns:
-            parts = np.stack([columns[f"pulse_pole_{part}"][place] for part in ("real", "imaginary")], axis=1)
-            poles = tuple(complex(*map(float, pole)) for pole in parts if pole[0] != NO_FLOAT)
-        made.append(
-            SampledPulse(
-                volts=volts[: int(columns["pulse_sample_count"][place])],
-                sample_rate_hz=float(columns["pulse_sample_rate_hz"][place]),
-                start_s=float(columns["pulse_start_s"][place]),
-                interpolation=INTERPOLATIONS[int(columns["pulse_interpolation"][place])],
-                poles=poles,
-            )
-        )
-    if columns["pulse_of_shot"].max(initial=-1) >= len(made):
+    volts, sizes = columns["pulse_volts"], columns["pulse_sample_count"]
+    which = columns["pulse_of_shot"]
+    if which.shape != played.shape or not np.all((which >= 0) & (which < len(volts)) | ~played):
         raise RefusedInput(
-            f"--windows {path}: pulse_of_shot names a pulse beyond the {len(made)} of the file"
+            f"--windows {path}: pulse_of_shot names a pulse beyond the {len(volts)} of the file"
         )
-    return tuple(made)
+    for name, least, most in (
+        ("sample_count", 2, volts.shape[-1]),
+        ("interpolation", 0, len(INTERPOLATIONS) - 1),
+    ):
+        numbers = columns[f"pulse_{name}"]
+        if numbers.shape != (len(volts),) or not np.all((numbers >= least) & (numbers <= most)):
+            raise RefusedInput(
+                f"--windows {path}: pulse_{name} must be from {least} to {most} for each pulse"
+            )
+    try:
+        return tuple(_pulse(columns, place, int(size)) for place, size in enumerate(sizes))
+    except RefusedInput as error:
+        raise RefusedInput(f"--windows {path}: {error}") from error
+
+
+def _pulse(columns: Mapping[str, NDArray[Any]], place: int, size: int) -> SampledPulse:
+    poles: tuple[complex, ...] = ()
+    if "pulse_pole_real" in columns:
+        parts = np.stack([columns[f"pulse_pole_{part}"][place] for part in ("real", "imaginary")], axis=1)
+        poles = tuple(complex(*map(float, pole)) for pole in parts if pole[0] != NO_FLOAT)
+    return SampledPulse(
+        volts=columns["pulse_volts"][place, :size],
+        sample_rate_hz=float(columns["pulse_sample_rate_hz"][place]),
+        start_s=float(columns["pulse_start_s"][place]),
+        interpolation=INTERPOLATIONS[int(columns["pulse_interpolation"][place])],
+        poles=poles,
+    )
 
 
 @contextmanager

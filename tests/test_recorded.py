@@ -147,6 +147,47 @@ def test_intervals_of_two_receivers_are_refused(tmp_path: Path) -> None:
         read_windows(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("volts_per_count", -1e-4, "above zero"),
+        ("sample_interval_s", np.inf, "above zero"),
+        ("zero_count", np.nan, "zero_count must be finite"),
+        ("start_s", np.inf, "start_s must be finite"),
+        ("date", 10**18, "year 9999"),
+        ("candidate_count", 9, "candidate_count must be from 0 to 4"),
+        ("candidate_count", -1, "candidate_count must be from 0 to 4"),
+        ("candidate_arrival_s", np.nan, "candidate_arrival_s must be finite"),
+        ("candidate_fwhm_s", None, "no candidate_fwhm_s"),
+        ("pulse_of_shot", -1, "beyond the 3 of the file"),
+        ("pulse_of_shot", 3, "beyond the 3 of the file"),
+        ("pulse_interpolation", -1, "pulse_interpolation must be from 0 to 1"),
+        ("pulse_interpolation", 2, "pulse_interpolation must be from 0 to 1"),
+        ("pulse_sample_count", 10**6, "pulse_sample_count must be from 2 to"),
+        ("pulse_sample_rate_hz", 0.0, "--windows .*0.0 samples per second"),
+        ("pulse_volts", np.nan, "--windows .*finite volts"),
+    ],
+)
+def test_a_damaged_value_is_refused_with_the_name_of_the_file(
+    tmp_path: Path, name: str, value: Any, said: str
+) -> None:
+    # given a good file of which the first value of a shot with a pulse and candidates is spoiled, or a variable lost
+    path = tmp_path / "data.nc"
+    with open_bench(parse_bench(BENCH)) as bench:
+        write_data(path, measured(4)[2:], {}, SUMMARY, digitizer=bench.spec)
+    with h5netcdf.File(path, "r+") as file:
+        assert isinstance(read_windows(path).played(0), SampledPulse)
+        if value is None:
+            del file._h5file[name]
+        else:
+            variable = file[name]
+            variable[(0,) * variable.ndim] = value
+    # when it is read, then one line says what and where
+    with pytest.raises(RefusedInput, match=said) as refused:
+        read_windows(path)
+    assert str(path) in str(refused.value) and "\n" not in str(refused.value)
+
+
 def test_no_file_and_no_netcdf_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "text.nc").write_text("no data", encoding="utf-8")
     for name, said in (("none.nc", "there is no such file"), ("text.nc", "it is no NetCDF-4 file")):
