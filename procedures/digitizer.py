@@ -23,7 +23,7 @@ from belahil.uncertainty import sized
 from belahil.values import Shot, WindowRequest
 from procedures.coherent import coherent_frequency
 from procedures.dark_noise import LEAST_SAMPLES
-from procedures.known_receiver import KnownReceiver, preset_receiver
+from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
 from procedures.noise import gain_codes, window_length
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 from procedures.sine_fit import SinePlan
@@ -128,9 +128,10 @@ def plan(bench: Bench, options: DigitizerOptions) -> DigitizerPlan:
     LimitExceeded
         A gain code or frequency that receiver or generator does not have, or too short windows.
     RefusedInput
-        A frequency at which no sine can be measured.
+        A frequency at which no sine can be measured, or a known receiver that is another one.
     """
     spec = bench.spec
+    refuse_other(options.receiver, spec, "the receiver on the bench")
     count = window_length(spec)
     codes = gain_codes(spec.gain_codes, options.codes)
     frequencies = options.frequencies_hz

@@ -22,7 +22,7 @@ from belahil.receiver import receiver_preset
 from belahil.stimuli import SampledPulse
 from belahil.values import Shot, WindowRequest
 from procedures.gaussian_pulses import gaussian_pulse
-from procedures.known_receiver import KnownReceiver, preset_receiver
+from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 from procedures.pulse_place import first_sample
 
@@ -143,10 +143,12 @@ def plan(bench: Bench, options: EnergyOptions) -> EnergyPlan:
     InterlockRefused
         A height over ``max_vpp``.
     RefusedInput
-        A width below the generator's interval, or a scene that is not there or has no terrain model.
+        A width below the generator's interval, a scene that is not there or has no terrain model, or a known
+        receiver that is another one.
     """
     _refuse_scene(options)
     spec = bench.spec
+    refuse_other(options.receiver, spec, "the receiver on the bench")
     if spec.max_sample_count < _SAMPLES:
         raise LimitExceeded(
             f"the receiver's longest window has {spec.max_sample_count} samples: {_SAMPLES} are needed"
@@ -206,10 +208,10 @@ def analyse(plan: EnergyPlan, shots: Iterable[Shot], config: BenchConfig) -> Out
     from procedures.energy_outcome import outcome
     from procedures.energy_points import read_shots
 
+    preset = receiver_preset(config.digitizer.receiver)
     receiver = plan.options.receiver or preset_receiver(config)
     scene = _scene_of(plan.options)
-    window_samples = receiver_preset(config.digitizer.receiver).correlation_window_samples
-    readings = read_shots(shots, receiver, scene, window_samples, plan.converters, plan.bits)
+    readings = read_shots(shots, receiver, scene, preset, plan.converters, plan.bits)
     return outcome(readings, receiver, scene, plan.options, config)
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from belahil.receiver import ReceiverSpec
     from belahil.values import Shot
     from procedures.known_receiver import KnownReceiver
     from sim.rfm import RangeFinder
@@ -92,7 +93,7 @@ def read_shots(
     shots: Iterable[Shot],
     receiver: KnownReceiver,
     scene: Scene,
-    window_samples: int,
+    preset: ReceiverSpec,
     converters: int,
     bits: int,
 ) -> Readings:
@@ -106,10 +107,13 @@ def read_shots(
         Its gains, and its sample interval.
     scene : Scene
         Its detector turns an area at the cut into an energy.
-    window_samples, converters, bits : int
+    preset : ReceiverSpec
+        That the bench file names: length of a correlation window, and the interval it is counted in.
+    converters, bits : int
         As in `procedures.pulse_energy.window_energy`.
     """
-    finder = finder_of(receiver, window_samples)
+    finder = finder_of(receiver, preset.correlation_window_samples)
+    intervals_s = (receiver.sample_interval_s, preset.digitizer.sample_interval_s)
     gains = {one.code: one.gain.value for one in receiver.codes}
     rows, pulses, stimuli = [], [], []
     for shot in shots:
@@ -122,7 +126,7 @@ def read_shots(
         energy_j = area_v_s * energy_per_volt_second(scene) * at_reference(scene, gain)
         width_s, peak_v = (parts[0].width_s, parts[0].peak_v) if parts else (0.0, 0.0)
         rows.append((window.shot, area_v_s, width_s, peak_v, energy_j, gain))
-        if abs(window.sample_interval_s / receiver.sample_interval_s - 1) > _SAME_INTERVAL:
+        if any(abs(window.sample_interval_s / one - 1) > _SAME_INTERVAL for one in intervals_s):
             pulses.append(PulseEnergy("another_receiver"))
         elif not gain or not area_v_s > 0 or len(parts) != 1:
             pulses.append(PulseEnergy("not_known"))

@@ -15,10 +15,12 @@ import numpy as np
 from belahil import butterworth
 from belahil.errors import RefusedInput
 from belahil.receiver import receiver_preset
+from belahil.uncertainty import sized
 from belahil.values import Estimate
 
 if TYPE_CHECKING:
     from belahil.config import BenchConfig
+    from belahil.receiver import DigitizerSpec
 
 PRESET_RELATIVE = 0.01
 """Assumed standard uncertainty of gain and cut-off of a receiver that nobody measured: 1 %."""
@@ -113,6 +115,10 @@ class KnownReceiver:
         ppm = 0.0 if self.clock_ppm is None else self.clock_ppm.value
         return self.sample_interval_s / (1 + 1e-6 * ppm)
 
+    def samples_every(self, interval_s: float) -> bool:
+        """Tell whether a nominal interval, s, is that of this receiver; clocks err beside it."""
+        return math.isclose(interval_s, self.sample_interval_s, rel_tol=1e-6)
+
     def at(self, code: int | None) -> KnownCode:
         """Return what is known at a gain code.
 
@@ -126,6 +132,31 @@ class KnownReceiver:
                 return one
         known = ", ".join(str(one.code) for one in self.codes)
         raise RefusedInput(f"gain code {code}: {self.origin} knows the gain of {known}")
+
+
+def refuse_other(known: KnownReceiver | None, spec: DigitizerSpec, where: str) -> None:
+    """Refuse what is known of a receiver where windows come from another one.
+
+    Parameters
+    ----------
+    known : KnownReceiver or None
+        None: nothing to compare.
+    spec : DigitizerSpec
+        Of the receiver that digitizes or digitized.
+    where : str
+        Of the windows, for the message.
+
+    Raises
+    ------
+    RefusedInput
+        Sample intervals, converters or bits differ.
+    """
+    if known is None:
+        return
+    told = [(one.converters, one.bits, sized(one.sample_interval_s, "s", 4)) for one in (spec, known)]
+    if not known.samples_every(spec.sample_interval_s) or told[0][:2] != told[1][:2]:
+        words = "{} converters with {} bit and a sample every {}"
+        raise RefusedInput(f"{where}: {words.format(*told[0])}; {known.origin}: {words.format(*told[1])}")
 
 
 def preset_receiver(config: BenchConfig) -> KnownReceiver:

@@ -17,7 +17,7 @@ from belahil.errors import LimitExceeded, RefusedInput
 from belahil.stimuli import NoSignal
 from belahil.values import Shot, WindowRequest
 from procedures.dark_noise import LEAST_SAMPLES
-from procedures.known_receiver import KnownReceiver
+from procedures.known_receiver import KnownReceiver, refuse_other
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 
 if TYPE_CHECKING:
@@ -107,8 +107,11 @@ def plan(bench: Bench, options: NoiseOptions) -> NoisePlan:
     ------
     LimitExceeded
         A gain code or a trigger that the receiver does not have, or a receiver whose windows are too short.
+    RefusedInput
+        The known receiver is another one.
     """
     spec = bench.spec
+    refuse_other(options.receiver, spec, "the receiver on the bench")
     codes = gain_codes(spec.gain_codes, options.codes)
     fires = options.laser == "both" or (options.laser is None and "digitizer" in spec.triggers)
     conditions = [False] * options.dark_windows + [True] * (options.dark_windows if fires else 0)
@@ -162,11 +165,7 @@ def recorded_plan(recorded: RecordedWindows, options: NoiseOptions) -> NoisePlan
             f"{recorded.path}: silent windows of {sorted(lengths)} samples: must be of one length"
         )
     spec, known = recorded.spec, options.receiver
-    if known is not None and (known.converters, known.bits) != (spec.converters, spec.bits):
-        raise RefusedInput(
-            f"{recorded.path}: a receiver of {spec.converters} converters with {spec.bits} bit; "
-            f"{known.origin}: {known.converters} with {known.bits} bit"
-        )
+    refuse_other(known, spec, str(recorded.path))
     return NoisePlan(wanted, windows, lengths.pop(), spec.converters, spec.bits, known)
 
 

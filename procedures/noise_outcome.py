@@ -183,6 +183,12 @@ def _notes(plan: NoisePlan, found: NoiseResults, known: KnownReceiver) -> list[s
         notes.append(
             "Those gains are assumed to 1 %, not measured: --receiver takes them from a run of characterize."
         )
+    unknown = [str(one.code) for one in found.codes if one.gain is None]
+    if unknown:
+        notes.append(
+            f"Gain code {', '.join(unknown)}: no gain is known, so no noise at the input. A receiver "
+            "that samples at another interval is another one: name its own with --bench or --receiver."
+        )
     if any(one.firing for one in found.codes):
         notes.append(
             "Windows with the laser firing start with the receiver's shot pulse. The combined noise, by "

@@ -175,7 +175,7 @@ def noise_results(plan: NoisePlan, shots: Iterable[Shot], known: KnownReceiver) 
                 condition(windows[code, True], plan.converters, firing=True)
                 if (code, True) in windows
                 else None,
-                _gain(known, code),
+                _gain(known, code, windows[code, False][0].sample_interval_s),
             )
             for code in plan.codes
         ),
@@ -183,7 +183,10 @@ def noise_results(plan: NoisePlan, shots: Iterable[Shot], known: KnownReceiver) 
     )
 
 
-def _gain(known: KnownReceiver, code: int | None) -> Estimate | None:
+def _gain(known: KnownReceiver, code: int | None, interval_s: float) -> Estimate | None:
+    """Return the known gain; None at another code, or for windows of another receiver."""
+    if not known.samples_every(interval_s):
+        return None
     return next((one.gain for one in known.codes if one.code == code), None)
 
 

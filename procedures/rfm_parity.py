@@ -24,7 +24,7 @@ from belahil.uncertainty import sized
 from belahil.values import Products, WindowRequest
 from procedures.candidate_parity import Tolerances
 from procedures.gaussian_pulses import TrainPulse, earliest_centre_s, gaussian_train
-from procedures.known_receiver import KnownReceiver, preset_receiver
+from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 
 if TYPE_CHECKING:
@@ -190,11 +190,13 @@ def plan(bench: Bench, options: ParityOptions) -> ParityPlan:
     Raises
     ------
     RefusedInput
-        A gain code of which gain or noise are not known; pulses that do not fit into a window.
+        A gain code of which gain or noise are not known; pulses that do not fit into a window; a known
+        receiver that is another one.
     LimitExceeded
         What generator or receiver cannot do.
     """
     spec = bench.spec
+    refuse_other(options.receiver, spec, "the receiver on the bench")
     receiver = options.receiver or preset_receiver(bench.config)
     code = _code(receiver, options.code)
     samples = options.samples or spec.max_sample_count

@@ -408,6 +408,18 @@ def test_windows_from_another_receiver_or_at_an_unknown_gain_have_no_energy() ->
     assert (unknown["points"], unknown["status"]) == ({"not_known": 6}, "no_usable_point")
 
 
+def test_another_receiver_than_the_bench_file_names_has_no_energy_even_if_it_is_known() -> None:
+    # Given windows of a receiver whose characterization is there, but not its bench file, which tells how
+    # many samples its correlation windows have
+    other = replace(known(bench_with()), sample_interval_s=5e-9)
+    change = windows_of(lambda one: replace(one, sample_interval_s=5e-9))
+    with open_bench(bench_with()) as bench:
+        plan = replace(energy_calibration.plan(bench, SMALL), options=replace(SMALL, receiver=other))
+    # When they are analysed, then they are called another receiver's
+    shots = [change(shot) for shot in measured(bench_with(), SMALL)]
+    assert energy_calibration.analyse(plan, shots, bench_with()).results["points"] == {"another_receiver": 6}
+
+
 def test_equal_windows_have_no_line() -> None:
     first = measured(bench_with(), SMALL)[0].window
 

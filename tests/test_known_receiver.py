@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from msgspec import convert
 
+from belahil.bench import open_bench
 from belahil.cli.main import main
 from belahil.config import BenchConfig, DigitizerTable, simulated
 from belahil.errors import RefusedInput
@@ -86,3 +89,22 @@ def test_what_is_no_characterization_is_refused(tmp_path: Path) -> None:
     (tmp_path / "summary.json").write_text(json.dumps(empty), encoding="utf-8")
     with pytest.raises(RefusedInput, match="no gain code has"):
         characterized_receiver(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("procedure", "options"),
+    [
+        ("noise", "NoiseOptions"),
+        ("digitizer", "DigitizerOptions"),
+        ("energy_calibration", "EnergyOptions"),
+        ("rfm_parity", "ParityOptions"),
+    ],
+)
+def test_a_characterization_of_another_receiver_is_refused_at_once(procedure: str, options: str) -> None:
+    module = importlib.import_module(f"procedures.{procedure}")
+    gala = preset_receiver(BenchConfig(digitizer=DigitizerTable(receiver="gala-like", link="simulated")))
+    with open_bench("simulated") as bench:
+        module.plan(bench, getattr(module, options)(receiver=preset_receiver(bench.config)))
+        for other in (gala, replace(preset_receiver(bench.config), bits=14)):
+            with pytest.raises(RefusedInput, match=f"sample every 12.5 ns; {other.origin}: .* bit"):
+                module.plan(bench, getattr(module, options)(receiver=other))

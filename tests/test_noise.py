@@ -382,8 +382,27 @@ def test_windows_of_another_receiver_are_refused(tmp_path: Path, monkeypatch: py
         == 0
     )
     other = dataclasses.replace(preset_receiver(simulated()), bits=14)
-    with pytest.raises(RefusedInput, match="2 converters with 12 bit; preset bela-grm: 2 with 14 bit"):
+    with pytest.raises(
+        RefusedInput, match=r"12 bit and .* 12.5 ns; preset bela-grm: 2 converters with 14 bit"
+    ):
         noise.recorded_plan(read_windows("run/data.nc"), NoiseOptions(receiver=other))
+
+
+def test_windows_that_are_not_the_presets_have_no_noise_at_the_input() -> None:
+    # given silent windows of a receiver that samples as the preset does, and of one that does not
+    with open_bench(simulated()) as bench:
+        plan = noise.plan(bench, NoiseOptions(codes=(4,), dark_windows=2, laser="off"))
+        shots = [bench.measure(one.stimulus, one.request) for one in plan.shots]
+    other = [
+        dataclasses.replace(one, window=dataclasses.replace(one.window, sample_interval_s=5e-9))
+        for one in shots
+    ]
+    # when they are analysed without a characterization, then the gains of the preset are not taken for theirs
+    (row,), (strange,) = (
+        noise.analyse(plan, ones, simulated()).results["gain_codes"] for ones in (shots, other)
+    )
+    assert row["input_noise_rms"]["value"] == pytest.approx(row["noise_rms"]["value"] / 5.19)
+    assert (strange["noise_rms"], strange["input_noise_rms"]) == (row["noise_rms"], None)
 
 
 # ---- a burst in the bench file

@@ -171,7 +171,7 @@ def test_intervals_of_two_receivers_are_refused(tmp_path: Path) -> None:
 def test_a_damaged_value_is_refused_with_the_name_of_the_file(
     tmp_path: Path, name: str, value: Any, said: str
 ) -> None:
-    # given a good file of which the first value of a shot with a pulse and candidates is spoiled, or a variable lost
+    # given a file of which the first value of a variable is spoiled, or a variable lost
     path = tmp_path / "data.nc"
     with open_bench(parse_bench(BENCH)) as bench:
         write_data(path, measured(4)[2:], {}, SUMMARY, digitizer=bench.spec)
@@ -185,7 +185,8 @@ def test_a_damaged_value_is_refused_with_the_name_of_the_file(
     # when it is read, then one line says what and where
     with pytest.raises(RefusedInput, match=said) as refused:
         read_windows(path)
-    assert str(path) in str(refused.value) and "\n" not in str(refused.value)
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 def test_no_file_and_no_netcdf_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
