@@ -14,6 +14,7 @@ from belahil.outcome import BudgetLine
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+UNLIKELY = 1e-3
 PREFIXES = {9: "G", 6: "M", 3: "k", 0: "", -3: "m", -6: "µ", -9: "n", -12: "p", -15: "f"}
 
 
@@ -55,6 +56,19 @@ def budget(quantity: str, unit: str, parts: Mapping[str, float]) -> list[BudgetL
         BudgetLine(quantity, source, value, unit, (value / whole) ** 2)
         for source, value in sorted(parts.items(), key=lambda part: -part[1])
     ]
+
+
+def by_chance(chi_square: float, degrees_of_freedom: int) -> bool:
+    """Tell whether chance makes a chi-square this large more often than once in a thousand times.
+
+    Examples
+    --------
+    >>> by_chance(11.2, 11), by_chance(31.2, 11), by_chance(31.3, 11)
+    (True, True, False)
+    """
+    from scipy.special import chdtrc
+
+    return bool(chdtrc(degrees_of_freedom, chi_square) >= UNLIKELY)
 
 
 def prefix_power(size: float, unit: str) -> int:

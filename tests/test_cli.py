@@ -641,6 +641,24 @@ def test_the_lines_of_noise_suit_their_receiver() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("chi_square", "walk", "clock"),
+    [(11.2, "agree with", "is linear"), (817.3, "differ from", "is not linear")],
+)
+def test_the_lines_of_a_time_of_flight_judge_a_chi_square(chi_square: float, walk: str, clock: str) -> None:
+    from belahil.cli.tof_linearity import _lines
+
+    results: dict[str, Any] = {"status": "ok", "clock_ppm": 1, "wobble": [], "range_walk": []}
+    results |= {"agreement": {"chi_square": chi_square, "degrees_of_freedom": 11}}
+    results |= {"linearity": {"chi_square": chi_square, "bins": 8}, "points": {"ok": 3, "saturated": 1}}
+    assert _lines(results) == [
+        "clock error 1",
+        f"delays {walk} those of the known receiver: chi-square {chi_square} for 11",
+        f"the clock {clock}: chi-square {chi_square} for 8 distances",
+        "windows: 3 ok, 1 saturated",
+    ]
+
+
 @pytest.mark.parametrize("link", ["simulated", "emulated:serial", "emulated:usb"])
 def test_a_bench_in_order_is_checked(capsys: Captured, closed: list[str], link: str) -> None:
     kind = link.split(":")[0]

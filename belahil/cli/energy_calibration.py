@@ -73,7 +73,7 @@ def command(
 
 def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import counted, one_text
-    from belahil.uncertainty import sized
+    from belahil.uncertainty import by_chance, sized
 
     if results["status"] != "ok":
         return [f"no line: {results['status']}; windows: {counted(results['points'])}"]
@@ -89,9 +89,10 @@ def _lines(results: dict[str, Any]) -> list[str]:
         )
         agreement = results["agreement"][name]
         if agreement is not None:
+            chi_square, freedom = agreement["chi_square"], agreement["degrees_of_freedom"]
+            verb = "agrees with" if by_chance(chi_square, freedom) else "differs from"
             lines.append(
-                f"{words}, against the known receiver: chi-square {agreement['chi_square']:.1f} for "
-                f"{agreement['degrees_of_freedom']} widths"
+                f"{words}: {verb} the known receiver, chi-square {chi_square:.1f} for {freedom} widths"
             )
     areas = (f"{one_text(one['ratio'])} at {1e3 * one['peak_v']:.3g} mV" for one in results["linearity"])
     lines.append(f"area found by area played, 1 for a linear receiver: {', '.join(areas)}")

@@ -70,6 +70,7 @@ def _rms(told: dict[str, Any] | None) -> str:
 
 def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import counted, one_text
+    from belahil.uncertainty import by_chance
 
     if results["status"] != "ok":
         return [f"no scale: {results['status']}; windows: {counted(results['points'])}"]
@@ -83,14 +84,13 @@ def _lines(results: dict[str, Any]) -> list[str]:
     ]
     agreement, bins = results["agreement"], results["linearity"]
     if agreement is not None:
-        lines.append(
-            f"delays against the known receiver: chi-square {agreement['chi_square']:.1f} for "
-            f"{agreement['degrees_of_freedom']}"
-        )
+        chi_square, freedom = agreement["chi_square"], agreement["degrees_of_freedom"]
+        verb = "agree with" if by_chance(chi_square, freedom) else "differ from"
+        lines.append(f"delays {verb} those of the known receiver: chi-square {chi_square:.1f} for {freedom}")
     if bins is not None:
-        lines.append(
-            f"linearity of the clock: chi-square {bins['chi_square']:.1f} for {bins['bins']} distances"
-        )
+        chi_square, freedom = bins["chi_square"], bins["bins"]
+        verb = "is linear" if by_chance(chi_square, freedom) else "is not linear"
+        lines.append(f"the clock {verb}: chi-square {chi_square:.1f} for {freedom} distances")
     if results["points"].keys() != {"ok"}:
         lines.append(f"windows: {counted(results['points'])}")
     return lines
