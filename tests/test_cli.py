@@ -631,6 +631,9 @@ def test_the_lines_of_noise_suit_their_receiver() -> None:
     clipped = {"noise_rms": None, "status": "clipped", "burst": None}
     hidden = [{"code": 3, "noise_rms": None, "status": "ok", "firing": clipped}]
     assert _lines({"gain_codes": hidden, "best_code": None})[-1] == "no best gain code: clipped at code 3"
+    strange = [row | {"status": "ok", "firing": None, "combined_input_noise_rms": None} for row in hidden]
+    told = "no best gain code: no gain is known at code 3"
+    assert _lines({"gain_codes": strange, "best_code": None})[-1] == told
     near = {"code": 5, "difference": {"value": 1.0, "standard_uncertainty": 1.0}}
     assert _lines({"gain_codes": rows, "best_code": 3, "best_code_runner_up": near}) == [
         "gain code 3: noise 2, firing 3 with a burst of 4",

@@ -79,6 +79,8 @@ def _why(rows: list[dict[str, Any]]) -> str:
     codes: dict[str, list[str]] = {}
     for row in rows:
         status = (row["firing"] or row)["status"]
+        if status == "ok" and row["combined_input_noise_rms"] is None:
+            status = "no gain is known"
         if status != "ok":
             codes.setdefault(status, []).append(str(row["code"]))
     told = "; ".join(f"{status} at code {', '.join(ones)}" for status, ones in codes.items())
