@@ -27,7 +27,7 @@ from procedures.arrival_fit import window_shape
 from procedures.arrival_ground import grounds
 from procedures.arrival_points import FEWEST_WINDOWS
 from procedures.gaussian_pulses import earliest_centre_s
-from procedures.known_receiver import KnownReceiver, preset_receiver
+from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 from sim.filter_delay import spread_widths_s
 
@@ -176,9 +176,11 @@ def plan(bench: Bench, options: ArrivalOptions) -> ArrivalPlan:
     InterlockRefused
         Pulses over ``max_vpp``.
     RefusedInput
-        A receiver behind which every pulse is too wide, or terrain that cannot be read.
+        A receiver behind which every pulse is too wide, terrain that cannot be read, or a known receiver
+        that is another one.
     """
     spec, model = bench.spec, bench.generator_model
+    refuse_other(options.receiver, spec, "the receiver on the bench")
     known = options.receiver or preset_receiver(bench.config)
     code = _code(spec, options.code)
     peak_v = options.peak_v

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Literal
 
 from belahil.errors import RefusedInput
 from belahil.stimuli import Interpolation, NoSignal, SampledPulse, largest_volts
-from procedures.known_receiver import KnownReceiver, preset_receiver
+from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
 from procedures.noise import window_length
 from procedures.plans import Journal, check_all, measure_all
 from procedures.playable import advised_attenuation_db, check_not_too_faint, is_too_faint, playable
@@ -91,11 +91,12 @@ def plan(bench: Bench, options: PulseShapeOptions) -> PulseShapePlan:
     ------
     RefusedInput
         No scene; a scene for another receiver, or of which nothing can be computed; echoes of which none can
-        be played, with the attenuator that would serve.
+        be played, with the attenuator that would serve; a known receiver that is another one.
     """
     if not options.scenes:
         raise RefusedInput("pulse-shape: name at least one SCENE, or recorded windows with --windows FILE")
     config, model, spec = bench.config, bench.generator_model, bench.spec
+    refuse_other(options.receiver, spec, "the receiver on the bench")
     found = echoes(
         options.scenes,
         options.slopes_deg,

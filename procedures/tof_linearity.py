@@ -27,7 +27,7 @@ from belahil.stimuli import SampledPulse
 from belahil.uncertainty import sized
 from belahil.values import Shot, WindowRequest
 from procedures.gaussian_pulses import TrainPulse, earliest_centre_s, gaussian_train
-from procedures.known_receiver import KnownReceiver, preset_receiver
+from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 from procedures.pulse_place import first_sample
 
@@ -155,9 +155,10 @@ def plan(bench: Bench, options: TofOptions) -> TofPlan:
     InterlockRefused
         A height over ``max_vpp``.
     RefusedInput
-        A width below the generator's interval.
+        A width below the generator's interval, or a known receiver that is another one.
     """
     spec, model = bench.spec, bench.generator_model
+    refuse_other(options.receiver, spec, "the receiver on the bench")
     enough_hz = max(_FAST_HZ, 2 / min(options.widths_s))
     model = replace(model, max_arb_rate_hz=min(model.max_arb_rate_hz, enough_hz))
     code = options.gain_code

@@ -21,7 +21,7 @@ from belahil.outcome import Outcome
 from belahil.receiver import receiver_preset
 from belahil.stimuli import TransmittedPulse
 from belahil.values import Shot, WindowRequest
-from procedures.known_receiver import KnownReceiver, preset_receiver
+from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
 from procedures.plans import Journal, PlannedShot, check_all, measure_all
 from procedures.tx_definitions import DEFINITIONS, Definition
 from procedures.tx_likelihood import Baseline
@@ -155,11 +155,12 @@ def plan(bench: Bench, options: TxDelayOptions) -> TxPlan:
     LimitExceeded
         A gain code or a window that the receiver does not have, or one that its shot pulse cannot start.
     RefusedInput
-        A gain code of which the characterization knows nothing.
+        A gain code of which the characterization knows nothing, or a characterization of another receiver.
     ConfigError
         A table that cannot be used.
     """
     spec = bench.spec
+    refuse_other(options.receiver, spec, "the receiver on the bench")
     codes, code = spec.gain_codes, options.code
     if codes is None and code is not None:
         raise LimitExceeded(f"gain code {code}: this receiver has no gain codes")

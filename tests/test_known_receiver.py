@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from belahil.errors import RefusedInput
 from belahil.fingerprint import plain
 from belahil.receiver import BELA_GRM, RECEIVERS
 from procedures.known_receiver import KnownReceiver, characterized_receiver, preset_receiver
+from procedures.pulse_echoes import NamedScene
+from sim.scene import as_toml, load_scene
 
 HIDDEN = """
 [generator]
@@ -29,6 +32,7 @@ cutoff_hz = {cutoff_hz}
 clock_ppm = 12.0
 interleave = {{ gain = 0.004, offset_v = 1e-3, skew_s = 40e-12 }}
 """
+NIGHT = NamedScene("night", as_toml(load_scene("night")))
 SWEEP = ["--codes", "3,6", "--amplitudes-mvpp", "30,100", "--frequencies-mhz", "1,5,12,19,24,29", "--quiet"]
 
 
@@ -92,19 +96,26 @@ def test_what_is_no_characterization_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("procedure", "options"),
+    ("procedure", "options", "needed"),
     [
-        ("noise", "NoiseOptions"),
-        ("digitizer", "DigitizerOptions"),
-        ("energy_calibration", "EnergyOptions"),
-        ("rfm_parity", "ParityOptions"),
+        ("noise", "NoiseOptions", {}),
+        ("digitizer", "DigitizerOptions", {}),
+        ("energy_calibration", "EnergyOptions", {}),
+        ("rfm_parity", "ParityOptions", {}),
+        ("tof_linearity", "TofOptions", {}),
+        ("arrival_time", "ArrivalOptions", {"footprints": 0}),
+        ("pulse_shape", "PulseShapeOptions", {"scenes": (NIGHT,)}),
+        ("tx_delay", "TxDelayOptions", {}),
     ],
 )
-def test_a_characterization_of_another_receiver_is_refused_at_once(procedure: str, options: str) -> None:
+def test_a_characterization_of_another_receiver_is_refused_at_once(
+    procedure: str, options: str, needed: dict[str, Any]
+) -> None:
     module = importlib.import_module(f"procedures.{procedure}")
+    chosen = partial(getattr(module, options), **needed)
     gala = preset_receiver(BenchConfig(digitizer=DigitizerTable(receiver="gala-like", link="simulated")))
     with open_bench("simulated") as bench:
-        module.plan(bench, getattr(module, options)(receiver=preset_receiver(bench.config)))
+        module.plan(bench, chosen(receiver=preset_receiver(bench.config)))
         for other in (gala, replace(preset_receiver(bench.config), bits=14)):
             with pytest.raises(RefusedInput, match=f"sample every 12.5 ns; {other.origin}: .* bit"):
-                module.plan(bench, getattr(module, options)(receiver=other))
+                module.plan(bench, chosen(receiver=other))
