@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from belahil.uncertainty import UNLIKELY, by_chance
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -104,6 +106,46 @@ def checks(
             for label, estimate in values[key] or [("nothing measured", None)]
         ]
     return found
+
+
+def not_measured(limit: str, status: str) -> Check:
+    """Say that a procedure found nothing to judge, and which status is the reason.
+
+    Examples
+    --------
+    >>> not_measured("threshold", "no_pulse").decision
+    'undecided'
+    """
+    return Check(limit, status, -math.inf, math.inf, None, "undecided")
+
+
+def disagreement(label: str, chi_square: float, degrees_of_freedom: int) -> list[Check]:
+    """Fail a chi-square that chance does not make; of one that it makes nothing is said, for nobody asked.
+
+    Parameters
+    ----------
+    label : str
+        What was compared.
+    chi_square : float
+        Of measured values about those of a model.
+    degrees_of_freedom : int
+        At least 1.
+
+    Examples
+    --------
+    >>> disagreement("delays", 31.2, 11)
+    []
+    >>> [(one.limit, round(one.high, 2), one.decision) for one in disagreement("delays", 31.3, 11)]
+    [('chi_square', 31.26, 'fail')]
+    """
+    from scipy.special import chdtri
+
+    from belahil.values import Estimate
+
+    if by_chance(chi_square, degrees_of_freedom):
+        return []
+    high = float(chdtri(degrees_of_freedom, UNLIKELY))
+    return [Check("chi_square", label, 0.0, high, Estimate(chi_square, 0.0), "fail")]
 
 
 def overall(found: Sequence[Check]) -> Verdict:

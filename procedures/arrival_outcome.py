@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from belahil.outcome import BudgetLine, Outcome
 from belahil.uncertainty import budget
 from belahil.values import Estimate
+from belahil.verdict import Check, disagreement, not_measured
 from procedures.arrival_curve import (
     FootprintCurve,
     curve_through,
@@ -103,7 +104,15 @@ def outcome(options: ArrivalOptions, known: KnownReceiver, points: BenchPoints) 
         figures={"arrival": lambda: _figure(arrival)},
         budget=_budget(arrival),
         notes=_notes(arrival),
+        checks=_checks(arrival),
     )
+
+
+def _checks(arrival: Arrival) -> list[Check]:
+    """Judge the shape alone: the constant is only as well known as ``[bench] trigger_delay_s``."""
+    if arrival.points.status != "ok":
+        return [not_measured("delay", arrival.points.status)]
+    return disagreement("bench and model", *relative_to_model(arrival.points.usable))
 
 
 def _bench_curves(points: BenchPoints) -> tuple[DelayCurve | None, DelayCurve | None]:

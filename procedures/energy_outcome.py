@@ -9,6 +9,7 @@ import numpy as np
 
 from belahil.outcome import Outcome, Table
 from belahil.values import Estimate
+from belahil.verdict import Check, disagreement, not_measured
 from procedures.energy_model import REFERENCE_GAIN, REFERENCE_M, at_reference
 from procedures.energy_results import (
     INTEGRALS,
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
     from procedures.known_receiver import KnownReceiver
     from sim.scene import Scene
 
+FAINT = 0.05
+"""Relative scatter of a slope above which a difference says nothing of the receiver: so near noise (pulses
+of 2 mV, noise of 0.16 mV) amplitudes that are too high weigh more, and move every mean."""
+
 
 def outcome(
     readings: Readings, receiver: KnownReceiver, scene: Scene, options: EnergyOptions, config: BenchConfig
@@ -46,7 +51,23 @@ def outcome(
         figures={"energy": lambda: _figure(found)} if found.status == "ok" else {},
         budget=found.budget,
         notes=_notes(found),
+        checks=_checks(found),
     )
+
+
+def _checks(found: EnergyResults) -> list[Check]:
+    if found.status != "ok":
+        return [not_measured("slope", found.status)]
+    checks = []
+    for name, label in (("gaussian", "fitted Gaussian"), ("window", "correlation window")):
+        fit, told = found.measured[name], found.agreement[name]
+        if fit is None or told is None:
+            continue
+        differs = disagreement(label, told.chi_square, told.degrees_of_freedom)
+        if differs and fit.slope.standard_uncertainty > FAINT * abs(fit.slope.value):
+            differs = [not_measured("chi_square", f"{label}, pulse_below_noise")]
+        checks += differs
+    return checks
 
 
 def _results(found: EnergyResults) -> dict[str, Any]:

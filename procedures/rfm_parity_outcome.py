@@ -8,7 +8,7 @@ import numpy as np
 
 from belahil.outcome import Outcome, Table
 from belahil.values import Estimate
-from belahil.verdict import Check
+from belahil.verdict import Check, not_measured
 from procedures.echo_agreement import COMPARISONS_TOGETHER, FALSE_ALARMS, FEWEST_DETECTED, LEVEL
 from procedures.intervals import Interval, normal_factor
 
@@ -43,7 +43,7 @@ def outcome(found: Findings) -> Outcome:
         figures=_figures(found),
         conditions={"receiver taken for known": found.receiver.origin},
         notes=_notes(found),
-        checks=list(_checks(found)),
+        checks=list(_checks(found)) or [not_measured("windows_agreeing", found.status)],
     )
 
 

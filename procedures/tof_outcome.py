@@ -9,6 +9,7 @@ import numpy as np
 
 from belahil.outcome import Outcome, Table
 from belahil.values import Estimate
+from belahil.verdict import Check, disagreement, not_measured
 from procedures.pulse_pairs import PulsePair, counted
 from procedures.range_reduction import HALF_LIGHT_M_PER_S
 from procedures.tof_results import TofResults
@@ -38,7 +39,17 @@ def outcome(pairs: list[PulsePair], receiver: KnownReceiver, *, mixed: bool = Fa
             "as it was played.",
             "Not modelled: overlapping pulses, jitter of the generator, a clock that changes in a window.",
         ],
+        checks=_checks(found),
     )
+
+
+def _checks(found: TofResults) -> list[Check]:
+    if found.status != "ok":
+        return [not_measured("clock_ppm", found.status)]
+    told = found.agreement
+    if told is None:
+        return []
+    return disagreement("delays of the known receiver", told["chi_square"], told["degrees_of_freedom"])
 
 
 def _results(found: TofResults) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 from belahil.outcome import BudgetLine, Outcome, Table
 from belahil.uncertainty import budget
 from belahil.values import Estimate
+from belahil.verdict import not_measured
 from procedures.tx_definitions import MEANING, PUBLISHED, REFERENCES, Definition
 from procedures.tx_families import FREE
 from procedures.tx_misfit import LEVEL
@@ -68,6 +69,7 @@ def nothing_found(windows: PulseWindows, plan: TxPlan, receiver: KnownReceiver) 
         },
         conditions=_conditions(plan, receiver),
         notes=[f"{windows.status}: {_WHY[windows.status]}.", NOT_MODELLED],
+        checks=[not_measured("threshold", windows.status)],
     )
 
 

@@ -400,6 +400,17 @@ def recorded_as(config: BenchConfig, **changes: Any) -> ParityPlan:
     )
 
 
+def test_candidates_alone_of_too_few_echoes_decide_nothing() -> None:
+    # Given recorded candidates without samples, of fewer windows of an echo than tell anything
+    config = bench_file()
+    with open_bench(config) as bench:
+        made = replace(plan(bench, chosen(config)), products="candidates")
+        asked = [(one.stimulus, one.request) for one in made.shots[:3]]
+        shots = [bench.measure(stimulus, request) for stimulus, request in asked]
+    for ones in (shots, []):
+        assert decisions(analyse(recorded_as(config), ones, config)) == {"windows_agreeing": {"undecided"}}
+
+
 def test_windows_of_another_receiver_are_not_compared() -> None:
     gala = parse_bench(
         "[generator]\naddress = 'simulated'\n[digitizer]\nlink = 'simulated'\nreceiver = 'gala-like'\n"
