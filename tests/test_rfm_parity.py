@@ -606,6 +606,7 @@ def test_windows_of_a_scene_are_searched_again(tmp_path: Path) -> None:
     [
         (("--snrs", "0"), "must be above zero"),
         (("--code", "77", "--bench", "simulated"), "gain code 77"),
+        (("--gain-code", "78", "--bench", "simulated"), "gain code 78"),
         (("--arrival-tolerance-ps", "-1"), "arrival_s"),
         (("--windows", "there-is-none.nc"), "there-is-none.nc"),
         (("--receiver", "there-is-none"), "belahil characterize"),

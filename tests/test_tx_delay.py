@@ -452,6 +452,12 @@ def test_the_command_writes_a_run_and_takes_its_windows_again(tmp_path: Path, ca
     assert (first / "figure-tx-delay.png").stat().st_size > 20_000
 
 
+@pytest.mark.parametrize("option", ["--gain-code", "--code"])
+def test_a_gain_code_is_named_either_way(option: str, capsys: Any) -> None:
+    assert main(["tx-delay", "--bench", "simulated", option, "77"]) == 2
+    assert "gain code 77" in capsys.readouterr().err
+
+
 def test_recorded_windows_without_such_a_pulse_are_refused(tmp_path: Path, capsys: Any) -> None:
     run = tmp_path / "noise"
     bench = tmp_path / "bench.toml"

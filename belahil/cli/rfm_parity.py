@@ -14,7 +14,12 @@ from belahil.cli.options import Decimals, common, common_options, receiver_optio
     "rfm-parity", short_help="The receiver's range finder against ours, and how well it sees echoes."
 )
 @click.option(
-    "--code", type=click.IntRange(min=0), metavar="N", help="Gain code; the quietest when left out."
+    "--gain-code",
+    "--code",
+    "code",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="The quietest when left out.",
 )
 @click.option(
     "--widths-ns",

@@ -25,7 +25,9 @@ _PART = click.FloatRange(min=0, max=0.5, max_open=True)
 
 @click.command("tx-delay", short_help="Threshold and delay of the transmitted pulse.")
 @click.option("--shots", type=click.IntRange(min=2), metavar="N", help="Windows; 200 when left out.")
-@click.option("--code", type=click.IntRange(min=0), metavar="N", help="Gain code; 4 when left out.")
+@click.option(
+    "--gain-code", "--code", "code", type=click.IntRange(min=0), metavar="N", help="4 when left out."
+)
 @click.option(
     "--samples",
     "sample_count",
