@@ -108,6 +108,27 @@ def checks(
     return found
 
 
+def not_judged(limits: LimitsTable | None, values: Mapping[str, Sequence[Any]]) -> str:
+    """Tell which limits of a bench file a procedure cannot judge, in a line; empty where it judges all.
+
+    Parameters
+    ----------
+    limits : LimitsTable or None
+        As in the file.
+    values : mapping of str to sequence
+        By key of ``[limits]``, as for `checks`.
+
+    Examples
+    --------
+    >>> from belahil.config import LimitsTable
+    >>> not_judged(LimitsTable(gain=(4.9, 5.5), enob=(9.0, 12.0)), {"gain": []})
+    'not judged by this procedure: [limits] enob'
+    """
+    keys = () if limits is None else limits.__struct_fields__
+    left = [key for key in keys if getattr(limits, key) is not None and key not in values]
+    return f"not judged by this procedure: [limits] {', '.join(left)}" if left else ""
+
+
 def not_measured(limit: str, status: str) -> Check:
     """Say that a procedure found nothing to judge, and which status is the reason.
 

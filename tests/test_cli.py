@@ -157,6 +157,25 @@ def test_limits_decide_the_status(
     assert (f"\n{verdict}: gain (code 3, code 4)\n" in out) == (status == 1)
 
 
+@pytest.mark.parametrize(
+    ("limits", "told"),
+    [
+        ("gain = [0, 9]", None),
+        ("gain = [0, 9]\nenob = [1, 2]\ncutoff_hz = [1, 2]", "cutoff_hz, enob"),
+        ("sinad_db = [1, 2]", "sinad_db"),
+    ],
+)
+def test_limits_that_nothing_judges_are_told(capsys: Captured, limits: str, told: str | None) -> None:
+    bench = '[generator]\naddress = "simulated"\n[digitizer]\nlink = "simulated"\n[limits]\n'
+    Path("bench.toml").write_text(bench + limits)
+    for words in (("--out", "run"), ("--resume", "run")):
+        main(["characterize", *words]) if "--resume" in words else characterize(*words, bench="bench.toml")
+        lines = [line for line in capsys.readouterr().out.splitlines() if "[limits]" in line]
+        assert lines == ([] if told is None else [f"not judged by this procedure: [limits] {told}"])
+    page = Path("run/report.html").read_text(encoding="utf-8")
+    assert page.count("not judged by this procedure") == (0 if told is None else 2)
+
+
 def test_the_report_says_what_its_emulation_leaves_out() -> None:
     assert characterize("--out", "run") == 0
     told = json.loads(Path("run/report.json").read_text())

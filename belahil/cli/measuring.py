@@ -62,6 +62,8 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path | 
     int
         0 passed or no verdict asked, 1 failed or undecided.
     """
+    from belahil.run_folder import read_json
+
     if given.resume is not None:
         summary, folder = _measure_on(job, given, given.resume)
     elif windows is not None:
@@ -71,7 +73,7 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path | 
     if given.json:
         sys.stdout.write((folder / "summary.json").read_text(encoding="utf-8"))
     elif not given.quiet:
-        for line in job.lines(summary["results"]):
+        for line in read_json(folder / "report.json").get("said") or job.lines(summary["results"]):
             print(line)
         if summary["verdict"] not in ("pass", "none"):
             print(*_not_passed(folder), sep="\n")
@@ -248,6 +250,7 @@ def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -
 
 def _finish(procedure: Any, job: Job, run: Run, plan: Any, given: Common) -> dict[str, Any]:
     from belahil.cli.circumstances import conditions, not_modelled
+    from belahil.verdict import not_judged
 
     def tell(step: str) -> None:
         if not given.quiet:
@@ -255,7 +258,9 @@ def _finish(procedure: Any, job: Job, run: Run, plan: Any, given: Common) -> dic
 
     tell("analysing")
     outcome = procedure.analyse(plan, run.shots(), run.config)
-    outcome = replace(outcome, said=job.lines(outcome.results))
+    left = not_judged(run.config.limits, outcome.verdict_values)
+    said = [*job.lines(outcome.results), *([left] if left else [])]
+    outcome = replace(outcome, said=said, notes=[*outcome.notes, *([f"{left}."] if left else [])])
     return run.finish(outcome, conditions(run), not_modelled(run), tell)
 
 
