@@ -83,6 +83,38 @@ def test_a_receiver_that_is_not_the_known_one_fails_and_one_that_is_has_no_verdi
     )
 
 
+NOISE = ("noise", "--codes", "4", "--dark-windows", "2")
+TX = ("tx-delay", "--shots", "20")
+PARITY = ("rfm-parity", "--shots", "2", "--snrs", "10", "--widths-ns", "40", "--model-windows", "100")
+
+
+@pytest.mark.parametrize("words", [NOISE, ENERGY, TOF, TX, PARITY], ids=lambda words: words[0])
+def test_the_receiver_that_was_assumed_is_told(
+    words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Given a run, whose windows are analysed with no more known than the preset
+    run(tmp_path, *words)
+    windows = ("--windows", str(tmp_path / "run" / "data.nc"), "--out", str(tmp_path / "again"))
+    capsys.readouterr()
+
+    main([words[0], *windows])
+
+    assert capsys.readouterr().out.count("receiver assumed: preset bela-grm\n") == 1
+    assert "receiver assumed: preset bela-grm" in (tmp_path / "again" / "report.html").read_text("utf-8")
+
+
+def test_a_characterized_receiver_is_told_by_its_date(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = ("characterize", "--codes", "4", "--amplitudes-mvpp", "50", "--frequencies-mhz", "1,10,15,19,25")
+    assert main([*known, "--bench", "simulated", "--quiet", "--out", str(tmp_path / "known")]) == 0
+    began = json.loads((tmp_path / "known" / "summary.json").read_text())["started"]
+
+    assert run(tmp_path, *NOISE, "--receiver", str(tmp_path / "known")) == 0
+
+    assert f"receiver assumed: characterization begun {began}\n" in capsys.readouterr().out
+
+
 def test_pulses_near_the_noise_fail_no_receiver(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Given the known receiver, and pulses that its noise bends by more than chance
     assert run(tmp_path, *ENERGY, "--peaks-mv", "0.2") == 1

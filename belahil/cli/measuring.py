@@ -259,9 +259,19 @@ def _finish(procedure: Any, job: Job, run: Run, plan: Any, given: Common) -> dic
     tell("analysing")
     outcome = procedure.analyse(plan, run.shots(), run.config)
     left = not_judged(run.config.limits, outcome.verdict_values)
-    said = [*job.lines(outcome.results), *([left] if left else [])]
+    said = [*job.lines(outcome.results), *_assumed(run), *([left] if left else [])]
     outcome = replace(outcome, said=said, notes=[*outcome.notes, *([f"{left}."] if left else [])])
     return run.finish(outcome, conditions(run), not_modelled(run), tell)
+
+
+def _assumed(run: Run) -> list[str]:
+    """Tell which receiver a procedure that compares with a known one took for it."""
+    from procedures.known_receiver import preset_receiver
+
+    if "receiver" not in run.begun.options:
+        return []
+    known = run.begun.options["receiver"]
+    return [f"receiver assumed: {known['origin'] if known else preset_receiver(run.config).origin}"]
 
 
 @contextmanager
