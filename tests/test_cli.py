@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 import tiny_procedure
+from hypothesis import given
+from hypothesis import strategies as st
 
 from belahil.bench import Bench
 from belahil.cli.main import main
@@ -605,6 +607,44 @@ def test_the_line_of_a_result_suits_its_receiver(row: tuple[int | None, int | No
     found = {"code": code, "gain": gain, "cutoff": None, "input_noise_rms": None, "status": status}
     results = {"gain_codes": [found], "best_code": code if gain else None, "best_code_runner_up": None}
     assert _lines(results) == [line]
+
+
+@given(value=st.floats(-30, 30), spread=st.floats(0.1, 10), code=st.none() | st.integers(0, 15))
+def test_what_a_perfect_receiver_has_not_is_told_where_it_is_seen(
+    value: float, spread: float, code: int | None
+) -> None:
+    from belahil.cli.characterize import _lines
+    from belahil.report.tables import one_text
+
+    def measured(unit: str, power: int = 0) -> dict[str, Any]:
+        return {"value": value * 10**power, "standard_uncertainty": spread * 10**power, "unit": unit}
+
+    row = {"code": code, "gain": 5, "cutoff": None, "input_noise_rms": None, "highpass": measured("Hz", 3)}
+    # another code tells a seen coupling worse
+    vague = {"value": 9e4, "standard_uncertainty": 1e4 + 1e3 * spread, "unit": "Hz"}
+    worse = row | {"code": 16, "highpass": vague if abs(value) > 3 * spread else None}
+    results = {
+        "gain_codes": [row] if code is None else [row, worse],
+        "best_code": code,
+        "best_code_runner_up": None,
+        "clock_ppm": measured("1e-6"),
+        "interleave": {"gain": None, "offset_v": measured("V", -3), "skew_s": measured("s", -12)},
+        "small_signal": {"cubic_per_v2": measured("V-2"), "deadband_v": None, "status": "ok"},
+    }
+    told = [line for line in _lines(results) if not re.match("(best )?gain code|receiver", line)]
+
+    place = "" if code is None else f" at code {code}"
+    assert told == (
+        [
+            f"not linear: cubic term {one_text(measured('V-2'))}",
+            f"clock error: {one_text(measured('1e-6'))}",
+            f"AC coupling: corner {one_text(measured('Hz', 3))}{place}",
+            "converters differ, even minus odd: "
+            f"offset {one_text(measured('V', -3))}, skew {one_text(measured('s', -12))}",
+        ]
+        if abs(value) > 3 * spread
+        else []
+    )
 
 
 @pytest.mark.parametrize(("spread", "end"), [(0.5e-6, "; code 5 is within the uncertainty"), (0.4e-6, "")])

@@ -71,13 +71,52 @@ def _lines(results: dict[str, Any]) -> list[str]:
     if best is not None:
         near = _near(results["best_code_runner_up"])
         lines += [f"best gain code: {best} ({numbers(row)}){near}" for row in rows if row["code"] == best]
-        return lines
-    if [row["code"] for row in rows] != [None]:
+    elif [row["code"] for row in rows] != [None]:
         said = "no best gain code" if lines or rows[0]["gain"] else "no gain code could be characterized"
-        return [*lines, f"{said}: {_why(rows)}"]
-    if rows[0]["gain"] is None:
-        return [f"the receiver could not be characterized: {rows[0]['status']}"]
-    return [f"receiver without gain codes: {numbers(rows[0])}"]
+        lines.append(f"{said}: {_why(rows)}")
+    elif rows[0]["gain"] is None:
+        lines.append(f"the receiver could not be characterized: {rows[0]['status']}")
+    else:
+        lines.append(f"receiver without gain codes: {numbers(rows[0])}")
+    return [*lines, *_imperfections(results)]
+
+
+def _imperfections(results: dict[str, Any]) -> list[str]:
+    """Tell what a perfect receiver has not, where it is beyond three standard uncertainties."""
+    from belahil.report.tables import one_text
+
+    def listed(about: str, parts: dict[str, dict[str, Any] | None]) -> list[str]:
+        seen = [f"{name} {one_text(one)}".strip() for name, one in parts.items() if one and _seen(one)]
+        return [f"{about}: {', '.join(seen)}"] if seen else []
+
+    small, twins = results.get("small_signal") or {}, results.get("interleave") or {}
+    corners = {
+        f"at code {row['code']}" if row["code"] is not None else "": row["highpass"]
+        for row in results["gain_codes"]
+        if row.get("highpass") and _seen(row["highpass"])
+    }
+    # All codes share one coupling; the code that tells it best stands for it.
+    best = min(corners, key=lambda name: float(corners[name]["standard_uncertainty"]), default=None)
+    coupling = [] if best is None else [f"AC coupling: corner {one_text(corners[best])} {best}".strip()]
+    return [
+        *listed(
+            "not linear",
+            {"dead zone": small.get("deadband_v"), "cubic term": small.get("cubic_per_v2")},
+        ),
+        *listed("clock error", {"": results.get("clock_ppm")}),
+        *coupling,
+        *listed(
+            "converters differ, even minus odd",
+            {
+                name: twins.get(key)
+                for name, key in (("gain", "gain"), ("offset", "offset_v"), ("skew", "skew_s"))
+            },
+        ),
+    ]
+
+
+def _seen(measured: dict[str, Any]) -> bool:
+    return bool(abs(measured["value"]) > 3 * measured["standard_uncertainty"])
 
 
 def _near(runner_up: dict[str, Any] | None) -> str:
