@@ -82,18 +82,18 @@ def _echo(row: EchoRow) -> dict[str, Any]:
         "detected": 0 if row.measured is None else row.measured.detected,
     }
     for name, key, unit, _ in QUANTITIES:
-        told[key] = _compared(None if row.agreement is None else getattr(row.agreement, name), unit)
+        told[key] = _compared(None if row.agreement is None else getattr(row.agreement, name), name, unit)
     return told
 
 
 def _together(found: Findings) -> dict[str, Any]:
     return {
-        key: _compared(getattr(found.together, name), unit)
+        key: _compared(getattr(found.together, name), name, unit)
         for name, key, unit, _ in QUANTITIES[:COMPARISONS_TOGETHER]
     }
 
 
-def _compared(one: Comparison | None, unit: str) -> dict[str, Any] | None:
+def _compared(one: Comparison | None, name: str, unit: str) -> dict[str, Any] | None:
     if one is None:
         return None
     return {
@@ -102,6 +102,7 @@ def _compared(one: Comparison | None, unit: str) -> dict[str, Any] | None:
         "model": estimate(one.model, unit).as_json(),
         "model_interval": _ends(one.model),
         "measured_against_model": _ends(one.between),
+        "measured_against_model_unit": "1" if name == "spread" else unit,
         "decision": one.decision,
     }
 

@@ -7,6 +7,7 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 from small_run import begin, measure, outcome
@@ -247,6 +248,40 @@ def test_a_column_with_a_whole_number_keeps_the_unit_of_its_key() -> None:
     (only,) = grids({"whole": [{"width_s": 0.5}, {"width_s": 3}, {"width_s": 2e-9}]})
 
     assert (only.columns, only.rows) == (("width (s)",), (("0.5",), ("3",), ("2e-09",)))
+
+
+def test_an_interval_is_one_cell_in_the_unit_of_what_it_is_of() -> None:
+    # Given an interval of a number, one of a list, one with a unit of its own, and a null
+    delay = {"value": 19.29e-9, "standard_uncertainty": 0.12e-9, "unit": "s"}
+    rows = [
+        {
+            "delay": delay,
+            "delay_interval": {"low": 19.065e-9, "high": 19.529e-9, "coverage": 0.95},
+            "late": {"measured": delay, "interval": [-0.4e-9, 21e-9], "ratio": [0.9, 1.2], "ratio_unit": "1"},
+        },
+        {"delay": None, "delay_interval": None, "late": None},
+    ]
+
+    several, one = grids({"rows": rows})[0], grids({"row": rows[0]})[0]
+
+    assert several.columns == (
+        "delay (ns)",
+        "delay interval at 95 % (ns)",
+        "late measured (ns)",
+        "late interval (ns)",
+        "late ratio",
+    )
+    assert several.rows[0] == ("19.29(12)", "19.065 to 19.529", "19.29(12)", "-0.4 to 21.0", "0.900 to 1.200")
+    assert several.rows[1] == ("\N{EN DASH}",) * 5
+    assert dict(one.rows)["row delay interval at 95 %"] == "19.065 to 19.529 ns"
+
+
+@pytest.mark.parametrize(
+    "row",
+    [{"interval": [1.0, 2.0]}, {"a": 1.0, "a_interval": [1.0, 2.0]}, {"low": 1.0, "high": 2.0}],
+)
+def test_numbers_without_a_unit_are_no_interval(row: dict[str, Any]) -> None:
+    assert not any(" to " in cell for cell in grids({"rows": [row]})[0].rows[0])
 
 
 def test_objects_within_a_row_are_a_table_of_their_own() -> None:

@@ -35,6 +35,42 @@ class Grid:
     rows: tuple[tuple[str, ...], ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Both ends of an interval.
+
+    Parameters
+    ----------
+    low, high : float
+        In `unit`.
+    unit : str
+        SI unit, without a prefix.
+    """
+
+    low: float
+    high: float
+    unit: str
+
+    @property
+    def size(self) -> float:
+        """Of the larger end."""
+        return max(abs(self.low), abs(self.high))
+
+    def text(self, power: int) -> str:
+        """Write both ends over a power of ten, with three digits of what lies between.
+
+        Examples
+        --------
+        >>> Span(19.0592e-9, 19.53e-9, "s").text(-9), Span(-0.2, 1.0, "1").text(0)
+        ('19.059 to 19.530', '-0.20 to 1.00')
+        """
+        low, high = self.low / 10.0**power, self.high / 10.0**power
+        if not (math.isfinite(low) and math.isfinite(high) and high > low):
+            return f"{low:.4g} to {high:.4g}"
+        places = min(max(2 - math.floor(math.log10(high - low)), 0), 9)
+        return f"{low:.{places}f} to {high:.{places}f}"
+
+
 def grids(results: dict[str, Any]) -> list[Grid]:
     """Lay out the results of any procedure: a table for each list of objects, one more for all the rest.
 
@@ -142,11 +178,34 @@ def _flat(row: dict[str, Any], before: str = "") -> dict[str, Any]:
     cells: dict[str, Any] = {}
     for key, value in row.items():
         name = f"{before}{key}"
-        if isinstance(value, dict) and not _is_measured(value):
+        span = _span(row, key)
+        if span is not None:
+            covered = value.get("coverage") if isinstance(value, dict) else None
+            cells[name if covered is None else f"{name} at {100 * covered:g} %"] = span
+        elif key.endswith("_unit") and _span(row, key.removesuffix("_unit")):
+            continue
+        elif isinstance(value, dict) and not _is_measured(value):
             cells |= _flat(value, f"{name} ")
         else:
             cells[name] = value
     return cells
+
+
+def _span(row: dict[str, Any], key: str) -> Span | None:
+    """Return the interval that a row has under a key, where a unit is told or is that of the number it is of.
+
+    ``delay_interval`` is of ``delay``, and ``interval`` of ``measured``.
+    """
+    ends: Any = row.get(key)
+    if isinstance(ends, dict):
+        ends = [ends.get("low"), ends.get("high")]
+    if not isinstance(ends, list) or [type(end) for end in ends] != [float, float]:
+        return None
+    unit = row.get(f"{key}_unit")
+    if unit is None and key.endswith("interval"):
+        of: Any = row.get(key.removesuffix("interval").rstrip("_") or "measured")
+        unit = of["unit"] if _is_measured(of) else None
+    return None if unit is None else Span(ends[0], ends[1], unit)
 
 
 def _without(row: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
@@ -172,8 +231,9 @@ def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
     for key in keys:
         filled = [row[key] for row in rows if row.get(key) is not None]
         measured = [cell for cell in filled if _is_measured(cell)]
-        unit = measured[0]["unit"] if measured else _plain_unit(key)
-        sizes = [_size(cell) for cell in measured]
+        spans = [cell for cell in filled if isinstance(cell, Span)]
+        unit = measured[0]["unit"] if measured else spans[0].unit if spans else _plain_unit(key)
+        sizes = [_size(cell) for cell in measured] + [cell.size for cell in spans]
         # A zero among plain numbers, such as no noise, says nothing of the size of the others.
         if all(isinstance(cell, float) for cell in filled):
             sizes = [abs(cell) for cell in filled if cell]
@@ -187,6 +247,9 @@ def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
 
 def _row(key: str, value: Any) -> tuple[str, str]:
     """Name and text of one result, a plain number with the prefix of its size."""
+    if isinstance(value, Span):
+        power = prefix_power(value.size, value.unit)
+        return named(key), f"{value.text(power)} {unit_text(value.unit, power)}".strip()
     unit = _plain_unit(key)
     if unit == "1" or not isinstance(value, float):
         return named(key, value), one_text(value)
@@ -205,6 +268,8 @@ def _cell(value: Any, power: int) -> str:
         return MISSING
     if _is_measured(value):
         return written(value["value"], value["standard_uncertainty"], power)
+    if isinstance(value, Span):
+        return value.text(power)
     if isinstance(value, float):
         return f"{value / 10.0**power:.4g}"
     if isinstance(value, list):
