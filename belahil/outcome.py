@@ -52,6 +52,10 @@ STATUSES = (
     "pulse_below_noise",
     "no_light",
     "not_two_pulses",
+    "not_significant",
+    "too_few_amplitudes",
+    "not_identified",
+    "inconsistent",
 )
 """All words of a status column. The place of a word is its number in data files, so new ones go last."""
 

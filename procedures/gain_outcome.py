@@ -109,6 +109,8 @@ def _code_json(one: CodeResult) -> dict[str, Any]:
             "cubic_per_v2": _json(one.small_signal.cubic_per_v2),
             "deadband_v": _json(one.small_signal.deadband_v),
             "gain": _json(one.small_signal.gain),
+            "cutoff": _json(one.small_signal.cutoff),
+            "highpass": _json(one.small_signal.highpass),
             "chi_square": one.small_signal.chi_square,
             "degrees_of_freedom": one.small_signal.freedom,
             "status": one.small_signal.status,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -80,13 +81,19 @@ def _code_columns(found: Characterization) -> dict[str, tuple[Any, str, str]]:
         ("noise", "V", "analog noise at the converter, rms"),
         ("noise_total", "V", "raw noise at the converter, rms"),
         ("input_noise", "V", "noise divided by gain, rms"),
+        ("small_signal.gain", "1", "gain of signals that neither dead zone nor cubic term reaches"),
+        ("small_signal.cutoff", "Hz", "-3 dB frequency of the low-pass in the fit with both"),
+        ("small_signal.highpass", "Hz", "-3 dB frequency of the high-pass in the fit with both"),
     ):
-        estimates = [getattr(one, name) for one in found.codes]
+        estimates = [attrgetter(name)(one) for one in found.codes]
         known = np.array([one is not None for one in estimates])
         value = np.array([0.0 if one is None else one.value for one in estimates])
         spread = np.array([0.0 if one is None else one.standard_uncertainty for one in estimates])
-        columns[f"code_{name}"] = (_where(value, known), unit, words)
-        columns[f"code_{name}_u"] = (_where(spread, known), unit, f"standard uncertainty of: {words}")
+        column = f"code_{name.replace('.', '_')}"
+        columns[column] = (_where(value, known), unit, words)
+        columns[f"{column}_u"] = (_where(spread, known), unit, f"standard uncertainty of: {words}")
+    told = np.array([one.small_signal.status for one in found.codes])
+    columns["code_small_signal_status"] = (told, "1", "what the fit of dead zone and cubic term says")
     orders = [integer_order(one) for one in found.codes]
     order = np.ma.masked_array([one or 0 for one in orders], [one is None for one in orders])
     columns["code_order_integer"] = (order, "1", "whole order of the low-pass")

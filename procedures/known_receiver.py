@@ -1,6 +1,7 @@
 """What an analysis may assume about the receiver under test: from a characterization, or from its preset.
 
-Not modelled: a cut-off that differs between gain codes; what differs enters the uncertainty.
+Not modelled: a cut-off that differs between gain codes; what differs enters the uncertainty. A receiver
+that is not linear: what it does to a pulse beside its linear part shows as a difference.
 """
 
 from __future__ import annotations
@@ -196,6 +197,11 @@ def characterized_receiver(folder: str | Path) -> KnownReceiver:
     -----
     The cut-off is the weighted mean over gain codes. Its uncertainty is that of the best code, not less,
     since declared errors are common to all; it grows by Birge's ratio where the codes disagree.
+
+    Gain, cut-off and high-pass of a code are those of its small-signal fit wherever that describes its gains,
+    also where dead zone and cubic term are not significant: to leave them out only then would be a choice by
+    the same data, and what is just too small to be significant moves the pooled gain by seven of its
+    standard uncertainties. Elsewhere they are those of the pooled fit.
     """
     from belahil.recorded import read_windows
     from belahil.run_folder import read_bench, read_json
@@ -221,7 +227,8 @@ def characterized_receiver(folder: str | Path) -> KnownReceiver:
         read_windows(folder / "data.nc").spec,
         receiver_preset(read_bench(folder).digitizer.receiver),
     )
-    corners = [one for row in whole if (one := _estimate(row["highpass"])) is not None]
+    linear = [_linear_part(row) for row in whole]
+    corners = [one for fit in linear if (one := _estimate(fit["highpass"])) is not None]
     interleave = results["interleave"] or {}
     return KnownReceiver(
         origin=f"characterization begun {summary['started']}",
@@ -230,16 +237,25 @@ def characterized_receiver(folder: str | Path) -> KnownReceiver:
         bits=spec.bits,
         adc_full_scale_v=preset.adc_full_scale_v,
         order=int(np.bincount([row["order"]["integer"] for row in whole]).argmax()),
-        cutoff=_mean([Estimate(**row["cutoff"]) for row in whole]),
+        cutoff=_mean([Estimate(**fit["cutoff"]) for fit in linear]),
         highpass=_mean(corners) if corners else None,
         codes=tuple(
-            KnownCode(row["code"], Estimate(**row["gain"]), _estimate(row["noise_rms"])) for row in whole
+            KnownCode(row["code"], Estimate(**fit["gain"]), _estimate(row["noise_rms"]))
+            for row, fit in zip(whole, linear, strict=True)
         ),
         clock_ppm=_estimate(results["clock_ppm"]),
         interleave_gain=_estimate(interleave.get("gain")),
         interleave_offset=_estimate(interleave.get("offset_v")),
         interleave_skew=_estimate(interleave.get("skew_s")),
     )
+
+
+def _linear_part(row: dict[str, Any]) -> dict[str, Any]:
+    """Return which fit of a gain code tells gain, cut-off and high-pass of its linear part."""
+    fit = row.get("small_signal", {})
+    # Runs of earlier versions do not tell the filter of this fit.
+    described = fit.get("status") in ("ok", "not_significant") and fit.get("gain") and fit.get("cutoff")
+    return fit if described else row
 
 
 def _estimate(told: dict[str, Any] | None) -> Estimate | None:

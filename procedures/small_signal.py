@@ -27,7 +27,7 @@ import numpy as np
 
 from belahil.butterworth import magnitude
 from belahil.values import Estimate
-from procedures.butterworth_fit import LOW_SPAN
+from procedures.butterworth_fit import HIGHPASS_SIGNIFICANCE, IDENTIFIED, LOW_SPAN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -64,6 +64,9 @@ class SmallSignalResult:
         V^-2, V at the cut, behind the filter.
     gain : Estimate or None
         V/V of signals that neither reaches; None for all codes together.
+    cutoff, highpass : Estimate or None
+        -3 dB frequencies of the filter in the same fit, Hz; a cut-off known to worse than 20 %, a high-pass
+        that is not significant, and those of all codes together are None.
     chi_square : float
         Of the gains about the fit; for all codes together, of the codes about their mean.
     freedom : int
@@ -78,6 +81,8 @@ class SmallSignalResult:
     cubic_per_v2: Estimate | None = None
     deadband_v: Estimate | None = None
     gain: Estimate | None = None
+    cutoff: Estimate | None = None
+    highpass: Estimate | None = None
     chi_square: float = 0.0
     freedom: int = 0
     scatter: tuple[float, float] = (0.0, 0.0)
@@ -174,17 +179,29 @@ def fit_small_signal(
     values, spread = solved.x * units[:size], np.sqrt(covariance.diagonal()) * units[:size]
     both = solved.x[2:4] @ np.linalg.solve(covariance[2:4, 2:4], solved.x[2:4])
     significant = math.exp(-float(both) / 2) < PROBABILITY
-    passed = whole.gain * math.exp(values[0])
+    passed, edge_hz = whole.gain * math.exp(values[0]), whole.cutoff_hz * math.exp(values[1])
+    known = spread[1] <= IDENTIFIED
     return SmallSignalResult(
         status="inconsistent" if not consistent else "ok" if significant else "not_significant",
         cubic_per_v2=Estimate(float(values[3]), float(spread[3]), "V-2"),
         deadband_v=Estimate(float(values[2]), float(spread[2]), "V"),
         gain=Estimate(passed, passed * float(spread[0]), "1"),
+        cutoff=Estimate(edge_hz, edge_hz * float(spread[1]), "Hz") if known else None,
+        highpass=_highpass(lowest_hz, *(float(one[4]) for one in (values, spread, scatter)))
+        if size == 5
+        else None,
         chi_square=chi_square,
         freedom=freedom,
         scatter=(float(scatter[3]), float(scatter[2])),
         declared=tuple((float(one[3] * units[3]), float(one[2] * units[2])) for one in moves),
     )
+
+
+def _highpass(lowest_hz: float, q: float, q_u: float, scatter: float) -> Estimate | None:
+    """Return the corner from its square, by that of the lowest frequency; None where chance may make one."""
+    if not q > HIGHPASS_SIGNIFICANCE * scatter > 0:
+        return None
+    return Estimate(lowest_hz * math.sqrt(q), lowest_hz * q_u / (2 * math.sqrt(q)), "Hz")
 
 
 def _slopes(model: Callable[[Array], Array], values: Array) -> Array:
@@ -235,7 +252,6 @@ def of_all_codes(found: Sequence[SmallSignalResult]) -> SmallSignalResult:
         status,
         Estimate(float(means[0]), float(spread[0]), "V-2"),
         Estimate(float(means[1]), float(spread[1]), "V"),
-        None,
-        chi_square,
-        freedom,
+        chi_square=chi_square,
+        freedom=freedom,
     )

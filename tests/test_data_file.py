@@ -19,6 +19,7 @@ from procedures.candidate_parity import ParityStatus
 from procedures.pulse_energy import EnergyStatus
 from procedures.pulse_pairs import PairStatus
 from procedures.rfm_parity_results import EchoStatus, RunStatus
+from procedures.small_signal import SmallSignalStatus
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGE = (DOCS / "data-file.md").read_text(encoding="utf-8")
@@ -99,7 +100,7 @@ def test_every_status_that_is_made_has_a_number() -> None:
     made |= {f"noise_{word}" for word in dark if word != "ok"}
     made |= set(get_args(pulse_fit.FitStatus))
     made |= {*get_args(ParityStatus), *get_args(EchoStatus), *get_args(RunStatus)}
-    made |= set(get_args(pulse_shape_plan.ShapeStatus))
+    made |= {*get_args(pulse_shape_plan.ShapeStatus), *get_args(SmallSignalStatus)}
     made |= {"no_light"}  # of a simulated echo
     unions = (EnergyStatus, PairStatus)
     made |= {word for union in unions for part in get_args(union) for word in get_args(part)}

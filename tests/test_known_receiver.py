@@ -82,6 +82,52 @@ def test_a_characterization_gives_the_hidden_receiver(tmp_path: Path, cutoff_hz:
     assert (known.bits, known.converters, known.zeros) == (12, 2, 0)
 
 
+BENT = [
+    *SWEEP[:2],
+    "--amplitudes-mvpp",
+    "3,13,50,200",
+    "--frequencies-mhz",
+    "0.1,1,5,12,17,19,24,29",
+    "--quiet",
+]
+
+
+@pytest.mark.parametrize(
+    ("bend", "highpass_hz"),
+    [("deadband_v = 0.2e-3", 0.0), ("deadband_v = 0.2e-3", 60e3), ("cubic_per_v2 = -2.0", 0.0), ("", 60e3)],
+)
+def test_what_depends_on_the_amplitude_is_in_neither_gain_nor_filter(
+    tmp_path: Path, bend: str, highpass_hz: float
+) -> None:
+    # given a receiver that is not linear, or one that is, characterized
+    bench, run = tmp_path / "bench.toml", tmp_path / "run"
+    more = f"highpass_hz = {highpass_hz}\nsmall_signal = {{ {bend} }}\n"
+    bench.write_text(HIDDEN.format(cutoff_hz=17e6) + more, encoding="utf-8")
+    assert main(["characterize", "--bench", str(bench), *BENT, "--out", str(run)]) == 0
+    # when it is read, then gain and filter are those of small signals, to the digits that the points tell
+    known = characterized_receiver(run)
+    for code in (3, 6):
+        gain, true = known.at(code).gain, BELA_GRM.gain_by_code[code]
+        assert abs(gain.value - true) < 4 * gain.standard_uncertainty < 4e-3 * true
+    assert abs(known.cutoff.value - 17e6) < 4 * known.cutoff.standard_uncertainty < 4e-4 * 17e6
+    assert (known.highpass is None) == (highpass_hz == 0)
+    if known.highpass is not None:
+        assert (
+            abs(known.highpass_hz - highpass_hz)
+            < 4 * known.highpass.standard_uncertainty
+            < 0.04 * highpass_hz
+        )
+    # and those of the pooled fit where dead zone and cubic term explain nothing, or an old run is mute
+    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
+    rows = summary["results"]["gain_codes"]
+    rows[0]["small_signal"]["status"] = "inconsistent"
+    del rows[1]["small_signal"]["cutoff"]
+    (run / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    pooled = characterized_receiver(run)
+    assert [one.gain.as_json() for one in pooled.codes] == [row["gain"] for row in rows]
+    assert (pooled.cutoff, pooled.highpass) != (known.cutoff, known.highpass)
+
+
 def test_what_is_no_characterization_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RefusedInput, match="no finished run"):
         characterized_receiver(tmp_path)

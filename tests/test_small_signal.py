@@ -31,6 +31,11 @@ from procedures.butterworth_fit import fit_order
 from procedures.characterize import GainOptions
 from procedures.small_signal import first_harmonic, fit_small_signal
 
+SWEEP_HZ, SWEEP_VPP = (
+    np.tile(np.geomspace(0.1e6, 38e6, 24), 5),
+    np.repeat([3e-3, 13e-3, 30e-3, 50e-3, 200e-3], 24),
+)
+
 
 @settings(max_examples=50, deadline=None)
 @given(
@@ -80,11 +85,18 @@ def test_hidden_dead_zones_and_cubic_terms_come_back() -> None:
         # then it is told, or said to be linear
         assert told["status"] == ("ok" if small != SmallSignal() else "not_significant")
         pulls.append([pull(told[name], getattr(small, name)) for name in ("cubic_per_v2", "deadband_v")])
-        # and each code has the gain of signals that neither reaches
-        truth = bent(number, small).emulation.receiver.gain_by_code
-        assert truth is not None
+        # and each code has the gain of signals that neither reaches, and the filter
+        truth = bent(number, small).emulation.receiver
+        assert truth.gain_by_code is not None
         for row in results["gain_codes"]:
-            assert abs(pull(row["small_signal"]["gain"], truth[row["code"]])) < 4
+            fit = row["small_signal"]
+            assert abs(pull(fit["gain"], truth.gain_by_code[row["code"]])) < 4
+            assert abs(pull(fit["cutoff"], truth.cutoff_hz)) < 4
+            assert (
+                abs(pull(fit["highpass"], truth.highpass_hz)) < 4
+                if truth.highpass_hz
+                else not fit["highpass"]
+            )
     assert np.max(np.abs(pulls)) < 4
     assert abs(np.mean(pulls)) < 4 / math.sqrt(12)
     assert 0.6 < math.sqrt(float(np.mean(np.square(pulls)))) < 1.5
@@ -172,6 +184,57 @@ def test_a_declared_error_moves_the_result_by_what_is_stated(number: int) -> Non
         assert other.value - told.value == pytest.approx(plain.declared[0][place], rel=0.02)
         expected = math.hypot(plain.scatter[place], plain.declared[0][place])
         assert told.standard_uncertainty == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_declared_flatness_moves_the_filter_by_what_is_stated(number: int) -> None:
+    # given a random receiver with dead zone and high-pass, and a generator that errs with frequency
+    rng = np.random.default_rng([81, number])
+    frequency_hz, played_vpp = SWEEP_HZ, SWEEP_VPP
+    cutoff_hz, highpass_hz = float(rng.uniform(12e6, 28e6)), float(rng.uniform(40e3, 90e3))
+    shape = magnitude(frequency_hz, cutoff_hz, 3, highpass_hz)
+    gain = 5.19 * shape * first_harmonic(played_vpp / 2 * shape, float(rng.uniform(5e-5, 3e-4)), 0.0)
+    gain_u, shift = 1e-6 / played_vpp, float(rng.uniform(1e-4, 1e-3)) * frequency_hz / 40e6
+    whole = fit_order(frequency_hz, gain, gain_u, 3)
+    bare = fit_small_signal(whole, frequency_hz, played_vpp, gain, gain_u)
+    plain = fit_small_signal(whole, frequency_hz, played_vpp, gain, gain_u, [shift])
+    moved = fit_small_signal(whole, frequency_hz, played_vpp, gain * (1 + shift), gain_u)
+    for name, true in (("cutoff", cutoff_hz), ("highpass", highpass_hz)):
+        # then the filter is found exactly, and what it moves by is in its uncertainty
+        told, other, scatter = (getattr(one, name) for one in (plain, moved, bare))
+        assert told.value == pytest.approx(true, rel=1e-6)
+        expected = math.hypot(scatter.standard_uncertainty, other.value - told.value)
+        assert told.standard_uncertainty == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("highpass_hz", [0.0, 60e3])
+@pytest.mark.parametrize(("deadband_sigmas", "cubic_sigmas"), [(0, 0), (2, 0), (0, 2), (0, -3)])
+def test_gain_and_filter_are_honest_where_nothing_is_significant(
+    deadband_sigmas: float, cubic_sigmas: float, highpass_hz: float
+) -> None:
+    # given sweeps of a receiver whose dead zone or cubic term is too small, or nearly, to be significant
+    gain_u = 1.9e-5 / SWEEP_VPP
+    shape = magnitude(SWEEP_HZ, 19e6, 3, highpass_hz)
+    bend = first_harmonic(SWEEP_VPP / 2 * shape, deadband_sigmas * 2.3e-7, cubic_sigmas * 2.7e-3)
+    pulls, pooled = [], []
+    for number in range(40):
+        scatter = gain_u * np.random.default_rng([82, number]).standard_normal(gain_u.size)
+        points = SWEEP_HZ, SWEEP_VPP, 5.19 * shape * bend + scatter, gain_u
+        whole = fit_order(points[0], points[2], gain_u, 3)
+        told = fit_small_signal(whole, *points)
+        pairs = [
+            (told.gain, 5.19),
+            (told.cutoff, 19e6),
+            *([(told.highpass, highpass_hz)] if highpass_hz else []),
+        ]
+        assert told.highpass is None or highpass_hz
+        pulls.append([pull(one.as_json(), true) for one, true in pairs if one is not None])
+        pooled.append((whole.gain - 5.19) / whole.gain_u)
+    # then the fit with both states what its numbers scatter by, with the truth in the middle
+    np.testing.assert_allclose(np.mean(pulls, axis=0), 0.0, atol=4 / math.sqrt(40))
+    np.testing.assert_allclose(np.std(pulls, axis=0), 1.0, atol=4 / math.sqrt(80))
+    # and that without them does not, where there is a cubic term
+    assert (abs(np.mean(pooled)) > 5) == (cubic_sigmas != 0)
 
 
 def test_what_neither_explains_is_inconsistent() -> None:
