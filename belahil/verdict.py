@@ -165,7 +165,7 @@ def disagreement(label: str, chi_square: float, degrees_of_freedom: int) -> list
 
     if by_chance(chi_square, degrees_of_freedom):
         return []
-    high = float(chdtri(degrees_of_freedom, UNLIKELY))
+    high = float(f"{chdtri(degrees_of_freedom, UNLIKELY):.4g}")  # as a reader wants it
     return [Check("chi_square", label, 0.0, high, Estimate(chi_square, 0.0), "fail")]
 
 

@@ -63,7 +63,8 @@ def test_a_run_that_measured_nothing_is_undecided_and_says_why(
     out = capsys.readouterr().out
     assert f"undecided: {limit} ({status})\nverdict: undecided\n" in out
     assert checks(tmp_path) == [(limit, status, "undecided")]
-    assert status in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "<td>whatever is measured</td>" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "Infinity" not in (tmp_path / "run" / "report.json").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("words", [TOF, ENERGY, ARRIVAL], ids=lambda words: words[0])
@@ -129,4 +130,5 @@ def test_only_what_chance_does_not_make_is_a_disagreement(chi_square: float, deg
     found = disagreement("both", chi_square, degrees_of_freedom)
 
     assert overall(found) == ("none" if by_chance(chi_square, degrees_of_freedom) else "fail")
-    assert all(chi_square > one.high * (1 - 1e-9) and math.isfinite(one.high) for one in found)
+    # the limit that is shown has four digits
+    assert all(chi_square > one.high * (1 - 1e-3) and math.isfinite(one.high) for one in found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,7 +45,10 @@ def material(
         "said": list(outcome.said),
         "budget": [asdict(line) for line in outcome.budget],
         "checks": [
-            asdict(check) | {"estimate": check.estimate.as_json() if check.estimate else None}
+            # As in the summary, whose JSON knows no infinity.
+            asdict(check)
+            | {key: check.as_json()[key] for key in ("low", "high")}
+            | {"estimate": check.estimate.as_json() if check.estimate else None}
             for check in checks
         ],
         "notes": list(outcome.notes),
@@ -83,7 +87,7 @@ def write_page(folder: Path, summary: Mapping[str, Any], told: Mapping[str, Any]
     environment.filters |= {
         "named": named,
         "one_text": one_text,
-        "span": lambda check: span_text(check["limit"], check["low"], check["high"]),
+        "span": _allowed,
         "moment": lambda date: date[:19].replace("T", " "),
     }
     text = environment.get_template("page.html.jinja").render(
@@ -118,6 +122,11 @@ def remake(folder: Path) -> Path:
         hint = "continue it with --resume" if (folder / "journal").is_dir() else "is it a run folder?"
         raise RefusedInput(f"{folder}: holds no finished run ({hint})")
     return write_page(folder, read_json(folder / "summary.json"), read_json(folder / "report.json"))
+
+
+def _allowed(check: Mapping[str, Any]) -> str:
+    low, high = check["low"], check["high"]
+    return span_text(check["limit"], -math.inf if low is None else low, math.inf if high is None else high)
 
 
 def _read(path: Path) -> str:

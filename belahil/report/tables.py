@@ -145,9 +145,11 @@ def span_text(key: str, low: float, high: float) -> str:
     --------
     >>> span_text("cutoff_hz", 18.0e6, 20.0e6), span_text("input_noise_rms_v", 0.0, 3e-4)
     ('18 to 20 MHz', '0 to 300 µV')
-    >>> span_text("gain", 4.9, 5.5)
-    '4.9 to 5.5'
+    >>> span_text("gain", 4.9, 5.5), span_text("gain", -math.inf, math.inf)
+    ('4.9 to 5.5', 'whatever is measured')
     """
+    if low == -math.inf and high == math.inf:
+        return "whatever is measured"
     unit = SUFFIXES.get(key.rpartition("_")[2], "1")
     sizes = [abs(limit) for limit in (low, high) if math.isfinite(limit)]
     power = prefix_power(max(sizes, default=0.0), unit)
