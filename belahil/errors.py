@@ -8,6 +8,7 @@ class               status  use it when
 ==================  ======  =====================================================================
 RefusedInput        2       the user asked for something that is not allowed; nothing was done
 InstrumentError     3       an instrument or a link failed; measured data are kept
+WorkerLost          3       processes or machines that compute for us are gone; finished work is kept
 StorageError        4       our own files could not be written or read back
 ==================  ======  =====================================================================
 """
@@ -82,6 +83,12 @@ class StaleData(LinkError):
 
 class LinkClosed(LinkError, ConnectionError):
     """The other end is gone; repeating cannot help."""
+
+
+class WorkerLost(BelahilError):
+    """Processes or machines that compute for us are gone."""
+
+    exit_status = 3
 
 
 class StorageError(BelahilError):

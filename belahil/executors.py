@@ -1,0 +1,128 @@
+"""Where chunks are computed: in this process, in processes of this machine, or on a cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from belahil.chunks import ThisProcess
+from belahil.errors import RefusedInput, WorkerLost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_A_WORKER = 2
+"""Chunks handed out for each worker: one that is computed, one that waits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Who computes.
+
+    Parameters
+    ----------
+    count : int
+        How many work at once.
+    open : callable
+        Opens an executor of them.
+    """
+
+    count: int
+    open: Callable[[], AbstractContextManager[Executor]]
+
+    @property
+    def in_flight(self) -> int:
+        """Chunks to hand out at once."""
+        return self.count if self.count == 1 else _A_WORKER * self.count
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def local_workers(count: int | None = None) -> Workers:
+    """Return workers of this machine.
+
+    Parameters
+    ----------
+    count : int or None
+        None: one for each core; 1: this process itself.
+
+    Raises
+    ------
+    RefusedInput
+        Fewer than one.
+    """
+    found = available_cores() if count is None else count
+    if found < 1:
+        raise RefusedInput(f"--workers {found}: at least 1 is needed")
+    if found == 1:
+        return Workers(1, ThisProcess)
+    return Workers(found, lambda: _processes(found))
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[Executor]:
+    # Fresh processes everywhere: a fork of one with threads may hang, and platforms should not differ.
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(count, mp_context=fresh, initializer=_leave_signals) as pool:
+        yield pool
+
+
+def _leave_signals() -> None:
+    """Let only the process that hands out the work hear Ctrl-C; it waits for what has begun."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def cluster_workers(address: str) -> Workers:
+    """Return the workers of a dask scheduler.
+
+    Parameters
+    ----------
+    address : str
+        As in ``tcp://host:8786``.
+
+    Raises
+    ------
+    RefusedInput
+        The library is not installed, or the address is none.
+    WorkerLost
+        No scheduler answers, or it has no workers.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise RefusedInput(
+            f"--cluster {address}: needs the library distributed; install belahil[cluster]"
+        ) from error
+    with _client(Client, address) as client:
+        count = sum(client.nthreads().values())
+    if not count:
+        raise WorkerLost(f"--cluster {address}: the scheduler has no workers")
+
+    @contextmanager
+    def opened() -> Iterator[Executor]:
+        with _client(Client, address) as client, client.get_executor(pure=False, retries=1) as pool:
+            yield pool
+
+    return Workers(count, opened)
+
+
+@contextmanager
+def _client(kind: Any, address: str) -> Iterator[Any]:
+    try:
+        client = kind(address, timeout=10, set_as_default=False)
+    except ValueError as error:
+        raise RefusedInput(f"--cluster {address}: write tcp://HOST:PORT ({error})") from error
+    except OSError as error:
+        raise WorkerLost(f"--cluster {address}: no scheduler answers") from error
+    with client:
+        yield client
