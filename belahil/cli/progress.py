@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 from belahil.cli import signals
@@ -38,7 +39,7 @@ def left_s(done: int, total: int, kept: int, elapsed_s: float) -> float:
 
 
 @contextmanager
-def shown(quiet: bool, kept: int) -> Iterator[Callable[[int, int], None]]:
+def shown(quiet: bool, kept: int, things: str = "windows") -> Iterator[Callable[[int, int], None]]:
     """Yield what a procedure calls after each shot, with (done, total).
 
     It is also where an interrupt that waited for the end of a shot takes effect.
@@ -49,14 +50,16 @@ def shown(quiet: bool, kept: int) -> Iterator[Callable[[int, int], None]]:
         Show nothing.
     kept : int
         Shots that were measured before.
+    things : str
+        What is counted.
     """
     if quiet:
         yield lambda done, total: signals.check()
     elif sys.stderr.isatty():
-        with _bar(kept) as tell:
+        with _bar(kept, things) as tell:
             yield tell
     else:
-        yield _every(PLAIN_EVERY_S, kept, _line)
+        yield _every(PLAIN_EVERY_S, kept, partial(_line, things))
 
 
 def _every(pause_s: float, kept: int, tell: Callable[[int, int, float], None]) -> Callable[[int, int], None]:
@@ -73,16 +76,16 @@ def _every(pause_s: float, kept: int, tell: Callable[[int, int, float], None]) -
     return progress
 
 
-def _line(done: int, total: int, left: float) -> None:
-    print(f"{done} of {total} windows, {left:.0f} s left", file=sys.stderr, flush=True)
+def _line(things: str, done: int, total: int, left: float) -> None:
+    print(f"{done} of {total} {things}, {left:.0f} s left", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def _bar(kept: int) -> Iterator[Callable[[int, int], None]]:
+def _bar(kept: int, things: str) -> Iterator[Callable[[int, int], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("windows, {task.fields[left]:.0f} s left"))
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn(f"{things}, {{task.fields[left]:.0f}} s left"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("measuring", total=None, left=0.0)
 
