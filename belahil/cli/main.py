@@ -31,6 +31,7 @@ COMMANDS = (
     "simulate",
     "scene",
     "tof-linearity",
+    "campaign",
     "accuracy",
     "bench",
     "emulate",
