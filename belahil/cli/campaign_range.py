@@ -1,0 +1,71 @@
+"""``belahil campaign range``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from belahil.cli.campaigning import Place, campaign_options, perform
+
+
+@click.command(
+    "range", short_help="Range errors and false detections by altitude, reflectance, day and night."
+)
+@click.option(
+    "--draws", type=click.IntRange(min=1), metavar="N", help="About an echo, on each terrain in each set; 60."
+)
+@click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of draws at each altitude; 8.")
+@click.option("--noise-windows", type=click.IntRange(min=20), metavar="N", help="With noise only; 2000.")
+@click.option(
+    "--shots", type=click.IntRange(min=0), metavar="N", help="Whole shots on each terrain in each cell; 100."
+)
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of all draws; 1.")
+@click.option("--ground-seed", type=click.IntRange(min=0), metavar="N", help="Of the fractals; 100.")
+@campaign_options
+def command(
+    draws: int | None,
+    sets: int | None,
+    noise_windows: int | None,
+    shots: int | None,
+    seed: int | None,
+    ground_seed: int | None,
+    out: Path | None,
+    resume: Path | None,
+    workers: int | None,
+    cluster: str | None,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Predict the errors of ranges and the probability of false detection.
+
+    By draws about the echo and the law of the largest noise peaks; beside it stand whole shots.
+    """
+    chosen = {
+        "draws": draws,
+        "sets": sets,
+        "noise_windows": noise_windows,
+        "shots": shots,
+        "seed": seed,
+        "ground_seed": ground_seed,
+    }
+    place = Place(out, resume, workers, cluster, quiet, as_json)
+    return perform("range", "RangeOptions", chosen, place, _lines)
+
+
+def _lines(results: dict[str, Any]) -> list[str]:
+    lines = ["altitude  Sun         light  reflectance  error, m          PFD, %           by whole shots"]
+    for one in results["table"]:
+        error, pfd, brute = one["error"], one["pfd"], one["brute"]
+        told = "" if error is None else f"{error['value']:.3f} +- {error['standard_uncertainty']:.3f}"
+        chance = f"{100 * pfd['value']:.2f} +- {100 * pfd['standard_uncertainty']:.2f}"
+        whole = ""
+        if brute is not None:
+            whole = "none detected" if brute["error"] is None else f"{brute['error']['value']:.2f} m"
+            whole += f", {100 * brute['pfd']['value']:.1f} %"
+        lines.append(
+            f"{one['altitude_m'] / 1e3:5g} km  {one['sun']:10s}  {one['light']:5s}  "
+            f"{one['reflectance']:11g}  {told:16s}  {chance:15s}  {whole}"
+        )
+    return lines

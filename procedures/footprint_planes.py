@@ -1,0 +1,139 @@
+"""What lies under a beam at every post of a terrain model: mean height, plane, slope, roughness.
+
+Definitions of the campaigns. *Slope* and *roughness* are the tilt of, and the standard deviation about, the
+least-squares plane over the disc within which the beam is above 1/e^2 of its peak; every post in it counts
+alike, or, as an option, by the beam.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from belahil.errors import RefusedInput
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sim.terrain_grid import Grid
+
+EDGE = 2.0
+"""Standard deviations of a Gaussian beam at 1/e^2 of its peak."""
+
+_REACH = 4.5
+"""Standard deviations after which the beam counts as dark: 4e-5 of its light."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootprintPlanes:
+    """Footprints about the posts of a grid that lie far enough from its edge, arrays of one shape.
+
+    Parameters
+    ----------
+    margin : int
+        Posts left out on every side.
+    light_m : ndarray of float64
+        Mean height under the whole beam, weighted by it, m.
+    centre_m : ndarray of float64
+        Height of the post in the middle, m.
+    plane_m : ndarray of float64
+        Height of the least-squares plane in the middle, m.
+    gradient : tuple of ndarray of float64
+        Its dz/dx and dz/dy, m/m.
+    roughness_m : ndarray of float64
+        Standard deviation about it, m.
+    """
+
+    margin: int
+    light_m: NDArray[np.float64]
+    centre_m: NDArray[np.float64]
+    plane_m: NDArray[np.float64]
+    gradient: tuple[NDArray[np.float64], NDArray[np.float64]]
+    roughness_m: NDArray[np.float64]
+
+    @property
+    def slope_deg(self) -> NDArray[np.float64]:
+        """Tilt of the plane, degrees."""
+        return np.degrees(np.arctan(np.hypot(*self.gradient)))
+
+
+def footprint_planes(
+    relief: Grid, sigma_m: float, margin_m: float, *, by_beam: bool = False
+) -> FootprintPlanes:
+    """Describe the footprint about each post.
+
+    Parameters
+    ----------
+    relief : Grid
+        Heights without gaps.
+    sigma_m : float
+        Standard deviation of a round Gaussian beam on the ground, m.
+    margin_m : float
+        Distance from the edge of the grid within which no footprint is described, at least 4.5 standard
+        deviations, m.
+    by_beam : bool
+        Weigh the posts by the beam where a plane is fitted; else all of the 1/e^2 disc alike.
+
+    Raises
+    ------
+    RefusedInput
+        Gaps, a margin that the beam crosses or that leaves no post, or a disc of fewer than 9 posts.
+    """
+    step = relief.spacing_m
+    margin, reach = math.ceil(margin_m / step), math.ceil(_REACH * sigma_m / step)
+    if relief.known is not None:
+        raise RefusedInput("planes under footprints need a terrain model without gaps")
+    if margin < reach or min(relief.values.shape) <= 2 * margin:
+        raise RefusedInput(
+            f"footprints of {sigma_m:.3g} m rms on {relief.values.shape[0]} x {relief.values.shape[1]} posts "
+            f"{step:g} m apart with a margin of {margin_m:.4g} m: allowed are margins from "
+            f"{reach * step:.4g} m on that leave a post"
+        )
+    away = step * np.arange(-reach, reach + 1)
+    squares = away**2 + away[:, None] ** 2
+    beam = np.where(squares <= (_REACH * sigma_m) ** 2, np.exp(-0.5 * squares / sigma_m**2), 0.0)
+    weights = beam if by_beam else (squares <= (EDGE * sigma_m) ** 2).astype(np.float64)
+    if np.count_nonzero(weights) < 9:
+        raise RefusedInput(f"a footprint of {sigma_m:.3g} m rms on posts {step:g} m apart holds too few")
+    beam, weights = beam / beam.sum(), weights / weights.sum()
+    inner = np.s_[margin : relief.values.shape[0] - margin, margin : relief.values.shape[1] - margin]
+    part = relief.values[
+        margin - reach : relief.values.shape[0] - margin + reach,
+        margin - reach : relief.values.shape[1] - margin + reach,
+    ]
+    datum = float(part.mean())
+    light, flat, east, north, bent = _weighted(
+        part - datum, (beam, weights, weights * away, weights * away[:, None]), weights
+    )
+    spread = float((weights * away**2).sum())
+    along, across = east / spread, north / spread
+    variance = bent - flat**2 - spread * (along**2 + across**2)
+    return FootprintPlanes(
+        margin,
+        light + datum,
+        relief.values[inner],
+        flat + datum,
+        (along, across),
+        np.sqrt(np.maximum(variance, 0.0)),
+    )
+
+
+def _weighted(
+    values: NDArray[np.float64], kernels: tuple[NDArray[np.float64], ...], of_squares: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """Sums over a moving window with each kernel, and of the squares with the last one, by Fourier."""
+    from scipy import fft
+
+    size = [fft.next_fast_len(count, real=True) for count in values.shape]
+    held = kernels[0].shape[0]
+    valid = np.s_[: values.shape[0] - held + 1, : values.shape[1] - held + 1]
+
+    def spectrum(array: NDArray[np.float64]) -> NDArray[np.complex128]:
+        return np.asarray(fft.rfft2(array, size))
+
+    plain, squared = spectrum(values), spectrum(values**2)
+    pairs = [(plain, one) for one in kernels] + [(squared, of_squares)]
+    return [fft.irfft2(one * spectrum(kernel).conj(), size)[valid] for one, kernel in pairs]

@@ -1,0 +1,197 @@
+"""From draws and shots of one cell to its probability of false detection and its spread.
+
+*Error* is the rms after the calibrated bias was taken off, over detections; the bias is told apart. It is the
+mean that the correction of arrivals leaves without noise, at that altitude. *False detection* is a candidate
+nearest to the truth that is more than 10 m off.
+
+Fast: every draw about an echo counts with its probability to be kept, so that the spread is that of what is
+kept, and hardly any draw tells nothing. Conditional: the same with the peaks of the very windows of noise in
+place of their law. Linear: closed form, within its validity. Brute: whole shots.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from belahil.values import Estimate
+from procedures.arrival_gradient import VALID_SNR, LinearErrors
+from procedures.echo_hits import FALSE_M
+from procedures.local_draws import NEAR_SAMPLES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from procedures.noise_clusters import NoiseClusters
+
+KEPT = 4
+"""Candidates of the receiver."""
+WINDOW = 16064
+OUTSIDE = 1 - (2 * NEAR_SAMPLES + 1) / WINDOW
+"""Part of a window from which noise peaks come that are not looked at one by one."""
+CHANCE = KEPT * 2 * FALSE_M / (WINDOW * 12.5e-9 * 149896229.0)
+"""Chance that noise alone puts one of four candidates within 10 m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellDraws:
+    """Draws about the echoes of one cell, arrays of shape (n, 2); see `procedures.echo_hits.EchoHits`.
+
+    Parameters
+    ----------
+    hit, score_v, ahead
+        As there.
+    error_m : ndarray of float64
+        Corrected and without the calibrated bias.
+    """
+
+    hit: NDArray[np.bool_]
+    score_v: NDArray[np.float64]
+    ahead: NDArray[np.int64]
+    error_m: NDArray[np.float64]
+
+    def kept(self, law: NoiseClusters) -> NDArray[np.float64]:
+        """Return the probability of each hit to be among the candidates, shape (n, 2)."""
+        return np.where(self.hit, law.kept(self.score_v, KEPT - 1 - self.ahead, OUTSIDE), 0.0)
+
+    def weights(self, law: NoiseClusters) -> NDArray[np.float64]:
+        """Return the probability that a draw ends with each of its errors, shape (n, 2)."""
+        kept = self.kept(law)
+        # Where both hits are kept, the nearer one is told; else the first.
+        return np.stack([kept[:, 0] - kept[:, 1], kept[:, 1]], axis=1)
+
+
+def fast_pfd(draws: CellDraws, law: NoiseClusters) -> Estimate:
+    """Return the probability of false detection; the law's own uncertainty is in it."""
+    kept = draws.kept(law)[:, 0]
+
+    def moved(a: float, b: float) -> float:
+        return float(draws.kept(replace(law, a=law.a + a, b=law.b + b))[:, 0].mean())
+
+    step = 1e-3
+    by_a = (moved(step, 0) - moved(-step, 0)) / (2 * step)
+    by_b = (moved(0, step) - moved(0, -step)) / (2 * step)
+    u_a, u_b = by_a * law.a_u, by_b * law.b_u
+    of_law = max(u_a**2 + u_b**2 + 2 * law.correlation * u_a * u_b, 0.0)
+    of_draws = float(kept.var()) / (kept.size - 1)
+    return Estimate(1 - float(kept.mean()), math.sqrt(of_draws + of_law), "1")
+
+
+def conditional_pfd(draws: CellDraws, scores_v: NDArray[np.float64]) -> Estimate:
+    """Return the same by the peaks of windows of noise, shape (windows, k), as they are.
+
+    The uncertainty is that of the windows alone: draws are shared with `fast_pfd`.
+    """
+    hit, score_v, ahead = draws.hit[:, 0], draws.score_v[:, 0], draws.ahead[:, 0]
+    by_window = np.zeros(len(scores_v))
+    for larger in range(KEPT):
+        rows = np.sort(score_v[hit & (ahead == larger)])
+        # Kept are those above the window's peak that would be the fourth.
+        by_window += rows.size - np.searchsorted(rows, scores_v[:, KEPT - 1 - larger], side="right")
+    by_window /= hit.size
+    return Estimate(1 - float(by_window.mean()), float(by_window.std()) / math.sqrt(len(scores_v) - 1), "1")
+
+
+def weighted_rms(errors_m: NDArray[np.float64], weights: NDArray[np.float64]) -> Estimate | None:
+    """Return the root of the weighted mean square, m; None where fewer than two draws have a weight.
+
+    Parameters
+    ----------
+    errors_m : ndarray of float64
+        m; of the shape of the weights, or one that broadcasts to it.
+    weights : ndarray of float64, shape (n, k)
+        Of the draws; those in a row belong to one draw.
+    """
+    total = float(weights.sum())
+    if np.count_nonzero(weights.sum(axis=1) > 0) < 2:
+        return None
+    squares = np.broadcast_to(errors_m**2, weights.shape)
+    mean = float((weights * squares).sum()) / total
+    if not mean > 0:
+        return Estimate(0.0, 0.0, "m")
+    of_draws = (weights * (squares - mean)).sum(axis=1)
+    of_mean = math.sqrt(float(of_draws @ of_draws)) / total
+    return Estimate(math.sqrt(mean), of_mean / (2 * math.sqrt(mean)), "m")
+
+
+@dataclass(frozen=True, slots=True)
+class LinearSpread:
+    """Spread by source, without selection by detection.
+
+    Parameters
+    ----------
+    shape_m, jitter_m, noise_m, total_m : float
+        Standard deviations, m.
+    snr : float
+        Median height over noise.
+    """
+
+    shape_m: float
+    jitter_m: float
+    noise_m: float
+    total_m: float
+    snr: float
+
+    @property
+    def valid(self) -> bool:
+        """Whether the echo is high enough over its noise."""
+        return self.snr >= VALID_SNR
+
+
+def linear_spread(
+    linear: LinearErrors, reflectance: float, noise_rms_v: float, step_v: float
+) -> LinearSpread:
+    """Return the spread by linear propagation.
+
+    Parameters
+    ----------
+    linear : LinearErrors
+        Of white ground.
+    reflectance, noise_rms_v : float
+        Of the cell.
+    step_v : float
+        Of the converter; its rounding is taken for white noise.
+    """
+    white_v = step_v / math.sqrt(12)
+    noise_m2 = float(linear.noise_m2(reflectance, noise_rms_v, white_v).mean())
+    steady_m2 = float(linear.moved_m.var())
+    return LinearSpread(
+        shape_m=float(linear.still_m.std()),
+        jitter_m=float((linear.moved_m - linear.still_m).std()),
+        noise_m=math.sqrt(noise_m2),
+        total_m=math.sqrt(steady_m2 + noise_m2),
+        snr=float(np.median(linear.snr(reflectance, noise_rms_v, white_v))),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class BruteCell:
+    """What whole shots tell of a cell.
+
+    Parameters
+    ----------
+    shots : int
+        How many.
+    pfd : Estimate
+        Share of false detections.
+    spread : Estimate or None
+        Rms of the others; None with fewer than two.
+    """
+
+    shots: int
+    pfd: Estimate
+    spread: Estimate | None
+
+
+def brute_cell(errors_m: NDArray[np.float64], bias_m: float) -> BruteCell:
+    """Reduce whole shots; `errors_m` are those of the nearest candidates, infinite where there is none."""
+    count = errors_m.size
+    true = errors_m[np.abs(errors_m) <= FALSE_M] - bias_m
+    share = 1 - true.size / count
+    # One more of either kind, so that none at all is no certainty.
+    smoothed = (count - true.size + 1) / (count + 2)
+    pfd_u = math.sqrt(smoothed * (1 - smoothed) / count)
+    return BruteCell(count, Estimate(share, pfd_u, "1"), weighted_rms(true[:, None], np.ones((true.size, 1))))

@@ -1,0 +1,423 @@
+"""Range campaign: the fast way against the slow and obvious one, stage by stage, and the command."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec import structs
+from scipy.stats import poisson
+
+from belahil.cli.main import main
+from belahil.errors import RefusedInput
+from belahil.pole_response import autocovariance
+from procedures import range_chunks, range_ground
+from procedures.arrival_gradient import VALID_SNR, fit_gradient, linear_errors
+from procedures.campaign_range import RangeOptions, plan
+from procedures.echo_hits import FALSE_M, corrected_m, echo_hits
+from procedures.footprint_planes import EDGE, footprint_planes
+from procedures.local_draws import LocalDraws, local_draws
+from procedures.noise_clusters import NoiseClusters, fit_clusters
+from procedures.range_ground import described, places, plane_strip, side_by_side
+from procedures.range_scenes import (
+    DISTANCES_AU,
+    RISE,
+    Condition,
+    base_scene,
+    cell_scene,
+    conditions,
+    text_dark_rms_v,
+)
+from procedures.range_statistics import (
+    CHANCE,
+    CellDraws,
+    brute_cell,
+    conditional_pfd,
+    fast_pfd,
+    linear_spread,
+    weighted_rms,
+)
+from sim.accuracy import Accuracy
+from sim.chain import Chain
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
+from sim.draws import Draws
+from sim.rfm import RangeFinder, loops
+from sim.scene import as_toml
+from sim.terrain_grid import Grid
+from sim.terrain_statistics import plane_fit
+from sim.terrain_synthesis import fractional_brownian
+
+SIGMAS = 4.5
+"""Standard errors within which chance stays, in all but some 1e-5 of cases."""
+
+
+@lru_cache(maxsize=4)
+def rough_heights(seed: int, posts: int = 181) -> np.ndarray:
+    heights = fractional_brownian(posts, 0.8, np.random.default_rng(seed))
+    return 2.0 * heights / heights.std()
+
+
+@lru_cache(maxsize=2)
+def strips(slope_deg: float = 10.0):  # type: ignore[no-untyped-def]
+    return side_by_side([rough_heights(seed) for seed in (1, 2, 3)], slope_deg)
+
+
+@lru_cache(maxsize=8)
+def drawn(altitude_m: float, count: int, seed: int) -> tuple[Chain, LocalDraws]:
+    scene = base_scene(altitude_m)
+    chain = Chain(scene, Accuracy(1e-3), strips().surface)
+    planes = described(strips(), 12.5e-6 * altitude_m)
+    at = places(strips(), planes, (5.0, 15.0), count, Draws(seed, 0))
+    curve = range_chunks.correction(scene)
+    reach = chain.range_finder.bank.reach
+    return chain, local_draws(chain, at, float(curve.at(50e-9)), reach, Draws(seed, 1))
+
+
+# ---- ground
+
+
+@pytest.mark.parametrize("by_beam", [False, True])
+@pytest.mark.parametrize(("sigma_m", "tilt"), [(6.25, 0.0), (10.0, 0.3)])
+def test_planes_under_footprints_are_those_of_a_fit_to_each(
+    sigma_m: float, tilt: float, by_beam: bool
+) -> None:
+    # given relief on a slope, far above the datum
+    x = 1.5 * np.arange(181)
+    relief = Grid(rough_heights(3) + tilt * x + 300.0, 1.5, 0.0, 0.0)
+
+    found = footprint_planes(relief, sigma_m, 5 * sigma_m, by_beam=by_beam)
+
+    # then at any post they are what a fit of this footprint alone finds
+    for row, column in np.random.default_rng(1).integers(0, found.light_m.shape[0], (6, 2)):
+        i, j = row + found.margin, column + found.margin
+        squares = (x - x[j]) ** 2 + (x[:, None] - x[i]) ** 2
+        beam = np.where(squares <= (4.5 * sigma_m) ** 2, np.exp(-0.5 * squares / sigma_m**2), 0.0)
+        weights = beam if by_beam else (squares <= (EDGE * sigma_m) ** 2).astype(float)
+        fit = plane_fit(x[None, :] - x[j], x[:, None] - x[i], relief.values, weights)
+        assert found.gradient[0][row, column] == pytest.approx(fit.gradient[0], abs=1e-9)
+        assert found.gradient[1][row, column] == pytest.approx(fit.gradient[1], abs=1e-9)
+        assert found.roughness_m[row, column] == pytest.approx(fit.roughness_m, rel=1e-6)
+        assert found.plane_m[row, column] == pytest.approx(fit.centre_m[2], abs=1e-7)
+        light_m = (beam * relief.values).sum() / beam.sum()
+        assert found.light_m[row, column] == pytest.approx(light_m, abs=1e-7)
+        assert found.centre_m[row, column] == relief.values[i, j]
+
+
+def test_a_footprint_that_crosses_the_edge_is_refused() -> None:
+    with pytest.raises(RefusedInput, match="margin"):
+        footprint_planes(Grid(np.zeros((50, 50)), 1.5, 0.0, 0.0), 6.25, 10.0)
+
+
+@pytest.mark.parametrize("slopes", [(9.0, 11.0), (2.0, 4.0), (15.0, 20.0)])
+def test_places_have_the_slope_and_their_own_true_time(slopes: tuple[float, float]) -> None:
+    ground = strips(sum(slopes) / 2)
+
+    at = places(ground, described(ground, 8.0), slopes, 20, Draws(5, 0))
+
+    assert np.array_equal(np.bincount(at.strip), [20, 20, 20])
+    assert ((at.slope_deg >= slopes[0]) & (at.slope_deg <= slopes[1])).all()
+    # and the light of a place comes when its mean height says
+    whole = ground.surface.relief
+    assert isinstance(whole, Grid)
+    x, y = whole.posts()
+    for n in (0, 25, 59):
+        squares = (x - at.centre_m[n, 0]) ** 2 + (y[:, None] - at.centre_m[n, 1]) ** 2
+        beam = np.where(squares <= (4.5 * 8.0) ** 2, np.exp(-0.5 * squares / 64.0), 0.0)
+        mean_m = (beam * whole.values).sum() / beam.sum()
+        assert at.true_s[n] == pytest.approx(-2 * mean_m / SPEED_OF_LIGHT_M_PER_S, abs=1e-15)
+
+
+def test_a_slope_that_does_not_occur_is_refused_with_those_that_do() -> None:
+    ground = plane_strip(10.0)
+    with pytest.raises(RefusedInput, match=r"10 to 10 deg"):
+        places(ground, described(ground, 8.0), (20.0, 22.0), 5, Draws(1, 0))
+
+
+# ---- noise that the text implies
+
+
+def test_noon_raises_the_noise_by_eighty_percent_at_the_mean_reflectance() -> None:
+    scene = base_scene()
+    for distance in DISTANCES_AU:
+        cells = conditions(scene, (0.17,), (distance,))
+        day, night = (next(one for one in cells if one.light == light) for light in ("day", "night"))
+        assert day.noise_rms_v / night.noise_rms_v == pytest.approx(RISE, rel=1e-12)
+        assert night.noise_rms_v == pytest.approx(text_dark_rms_v(scene, distance), rel=1e-12)
+    # and at mean distance that is 0.83 mV (closed form: see sim.light_noise)
+    assert text_dark_rms_v(scene) == pytest.approx(0.83e-3, abs=0.01e-3)
+
+
+@pytest.mark.parametrize("altitude_m", [500e3, 1400e3])
+def test_conditions_have_the_noise_of_their_chains(altitude_m: float) -> None:
+    scene = structs.replace(
+        base_scene(altitude_m), surface=structs.replace(base_scene().surface, kind="plane")
+    )
+    for one in conditions(scene, distances=tuple(DISTANCES_AU)):
+        assert Chain(cell_scene(scene, one)).noise_rms_v == pytest.approx(one.noise_rms_v, rel=1e-6)
+
+
+# ---- the law of noise peaks
+
+
+@pytest.mark.parametrize(("a", "b", "seed"), [(7.4, 0.5, 1), (7.6, 1.0, 2), (6.0, 0.7, 3)])
+def test_the_law_is_found_again_in_peaks_that_follow_it(a: float, b: float, seed: int) -> None:
+    # given points of a Poisson process with that mean
+    draws = np.random.default_rng(seed)
+    levels = np.cumsum(draws.exponential(size=(3000, 8)), axis=1)
+    scores = np.sqrt(2 * (a - np.log(levels)) / b)
+
+    law = fit_clusters(2e-3 * scores, 2e-3)
+
+    assert abs(law.a - a) < SIGMAS * law.a_u
+    assert abs(law.b - b) < SIGMAS * law.b_u
+    # and the uncertainties are those of fits to parts of them
+    parts = [fit_clusters(part, 1.0) for part in np.split(scores, 60)]
+    spread = np.std([one.a for one in parts]) / np.sqrt(60)
+    assert spread == pytest.approx(law.a_u, rel=SIGMAS / np.sqrt(2 * 60))
+
+
+@pytest.mark.parametrize("others", [-1, 0, 1, 3])
+def test_a_score_is_kept_as_often_as_few_peaks_are_larger(others: int) -> None:
+    law = NoiseClusters(1e-3, 7.4, 0.5, 0.0, 0.0, 0.0, 100)
+    score_v = np.array([0.0, 3e-3, 5e-3, 8e-3])
+
+    kept = law.kept(score_v, others, 0.9)
+
+    expected = poisson.cdf(others, 0.9 * np.exp(7.4 - 0.25 * (1e3 * score_v) ** 2))
+    assert kept == pytest.approx(expected, abs=1e-12)
+
+
+def test_too_few_peaks_are_refused() -> None:
+    with pytest.raises(RefusedInput, match="20 windows"):
+        fit_clusters(np.ones((19, 8)), 1.0)
+
+
+# ---- linear propagation
+
+
+@pytest.mark.parametrize(("altitude_m", "seed"), [(500e3, 1), (1100e3, 2)])
+def test_gradients_are_those_of_the_fit(altitude_m: float, seed: int) -> None:
+    # given echoes of relief, which are no Gaussians
+    chain, draws = drawn(altitude_m, 2, seed)
+    finder, size = chain.range_finder, 42
+    first = draws.middle - size // 2
+    volts = draws.echo_v[:, first : first + size].copy()
+    lag = np.array([size // 2])
+
+    def fit(samples: np.ndarray) -> np.ndarray:
+        return loops().refine(samples, 0.0, lag, finder.bank.widths, size, 40)[0]
+
+    fits = np.array([fit(row) for row in volts])
+    by_centre, by_width = fit_gradient(
+        volts, np.tile(np.arange(size), (len(volts), 1)), fits[:, 0], fits[:, 1], fits[:, 2]
+    )
+    # then a small change of a sample moves the fit as they say, to the square of the change
+    for n in range(len(volts)):
+        step = 1e-4 * volts[n].max()
+        for i in (12, 19, 21, 24, 30):
+            ends = []
+            for sign in (1, -1):
+                moved = volts[n].copy()
+                moved[i] += sign * step
+                ends.append(fit(moved))
+            centre, width = (ends[0] - ends[1])[:2] / (2 * step)
+            assert by_centre[n, i] == pytest.approx(centre, rel=1e-3, abs=1e-5 * np.abs(by_centre[n]).max())
+            expected = width / fits[n, 1]
+            assert by_width[n, i] == pytest.approx(expected, rel=1e-3, abs=1e-5 * np.abs(by_width[n]).max())
+
+
+@pytest.mark.parametrize(("reflectance", "noise_rms_v"), [(1.0, 0.8e-3), (1.0, 4e-3), (0.3, 0.8e-3)])
+def test_linear_propagation_is_the_spread_that_noise_makes(reflectance: float, noise_rms_v: float) -> None:
+    # given draws about echoes well above their noise
+    chain, draws = drawn(500e3, 400, 3)
+    finder, curve = chain.range_finder, range_chunks.correction(chain.scene)
+    lags = autocovariance(chain.receiver.poles, 12.5e-9 * np.arange(42))
+    linear = linear_errors(draws, finder, curve, lags / lags[0])
+    spread = linear_spread(linear, reflectance, noise_rms_v, 0.0)
+    assert spread.snr > VALID_SNR
+    # when the range finder finds them in noise
+    hits = echo_hits(draws, draws.windows(reflectance, noise_rms_v), finder, curve)
+    errors_m = corrected_m(curve, hits.arrival_s[:, 0], hits.width_s[:, 0])
+    of_noise = errors_m - linear.moved_m
+    # then its errors spread as the propagation says: chance, and 5 % for what is not linear
+    allowed = SIGMAS / np.sqrt(2 * of_noise.size) + 0.05
+    assert hits.hit[:, 0].all()
+    assert abs(np.log(of_noise.std() / spread.noise_m)) < allowed
+    assert abs(np.log(errors_m.std() / spread.total_m)) < allowed
+
+
+def test_shot_noise_has_the_variance_of_its_steps() -> None:
+    _, draws = drawn(800e3, 400, 4)
+    expected = (draws.shot_variance @ draws.shot_taps**2).mean(axis=0)
+    bright = expected > 0.05 * expected.max()
+    ratio = (draws.shot_v**2).mean(axis=0)[bright] / expected[bright]
+    assert np.abs(ratio - 1).max() < SIGMAS * np.sqrt(2 / len(draws.shot_v))
+
+
+# ---- the fast way against the slow
+
+
+def plane_chunk(scene: str, cells: list[Condition], count: int, seed: int) -> dict[str, np.ndarray]:
+    return range_chunks.echo_draws(
+        scene, "plane", 0, (9.0, 11.0), [asdict(one) for one in cells], count, seed, 0
+    )
+
+
+def cell_draws(made: dict[str, np.ndarray], row: int, scene) -> CellDraws:  # type: ignore[no-untyped-def]
+    errors_m = corrected_m(range_chunks.correction(scene), made["arrival_s"][row], made["width_s"][row])
+    return CellDraws(made["hit"][row], made["score_v"][row], made["ahead"][row], errors_m)
+
+
+@lru_cache(maxsize=1)
+def noise(levels_v: tuple[float, ...], windows: int) -> np.ndarray:
+    return range_chunks.noise_peaks(as_toml(base_scene()), levels_v, windows, 99, 0)["score_v"]
+
+
+def test_fast_probabilities_are_the_conditional_ones_and_those_of_whole_shots() -> None:
+    # given cells from hardly any to nearly only false detections
+    scene = base_scene(1100e3)
+    cells = list(conditions(scene, (0.08, 0.17, 0.30)))
+    levels_v = tuple(sorted({one.noise_rms_v for one in cells}))
+    scores = dict(zip(levels_v, noise(levels_v, 600), strict=True))
+    made = plane_chunk(as_toml(scene), cells, 900, 7)
+    seen = []
+    for row, one in enumerate(cells):
+        draws, rows = cell_draws(made, row, scene), scores[one.noise_rms_v]
+        # when the law is fitted to one half of the windows and the other half is taken as it is
+        fast = fast_pfd(draws, fit_clusters(rows[:300], one.noise_rms_v))
+        conditional = conditional_pfd(draws, rows[300:])
+        # then both agree as far as the windows tell, and within 5 % or half a point
+        chance = SIGMAS * np.hypot(conditional.standard_uncertainty, fast.standard_uncertainty)
+        assert abs(fast.value - conditional.value) < chance
+        if 1e-4 < conditional.value < 0.3:
+            whole = conditional_pfd(draws, rows)
+            allowed = 0.05 * whole.value + SIGMAS * whole.standard_uncertainty
+            assert abs(fast_pfd(draws, fit_clusters(rows, one.noise_rms_v)).value - whole.value) < allowed
+        elif 0.3 <= conditional.value <= 0.997:
+            assert abs(fast.value - conditional.value) < 0.005 + SIGMAS * conditional.standard_uncertainty
+        seen.append(conditional.value)
+    assert min(seen) < 0.01 < 0.3 < max(seen)
+    # and whole shots have the same share of false ones, and the same errors
+    row = 1
+    whole = range_chunks.whole_shots(as_toml(scene), "plane", 0, (9.0, 11.0), asdict(cells[row]), 900, 8, 0)
+    law = fit_clusters(scores[cells[row].noise_rms_v], cells[row].noise_rms_v)
+    fast, brute = fast_pfd(cell_draws(made, row, scene), law), brute_cell(whole["error_m"], 0.0)
+    apart = np.hypot(fast.standard_uncertainty, brute.pfd.standard_uncertainty)
+    assert abs(fast.value - brute.pfd.value) < SIGMAS * apart
+    draws = cell_draws(made, row, scene)
+    spread = weighted_rms(draws.error_m, draws.weights(law))
+    assert spread is not None
+    assert brute.spread is not None
+    apart = np.hypot(spread.standard_uncertainty, brute.spread.standard_uncertainty)
+    assert abs(spread.value - brute.spread.value) < SIGMAS * apart
+
+
+def test_without_an_echo_only_chance_detects() -> None:
+    # given ground so dark that nothing of it is seen
+    scene = base_scene(1400e3)
+    made = plane_chunk(as_toml(scene), [Condition("mean", "night", 1e-6, 0.8e-3)], 2000, 3)
+    law = fit_clusters(noise((0.8e-3,), 400)[0], 0.8e-3)
+    # then four candidates fall within 10 m as often as their number over the window says
+    found = 1 - fast_pfd(cell_draws(made, 0, scene), law).value
+    # a refined peak wanders from its lag by a part of a sample: 10 % of the place
+    expected_count = 2000 * CHANCE
+    assert abs(found - CHANCE) < CHANCE * (0.1 + SIGMAS / np.sqrt(expected_count))
+
+
+def test_a_condition_has_the_same_draws_alone_and_beside_others() -> None:
+    text = as_toml(base_scene(800e3))
+    cells = list(conditions(base_scene()))
+    every, one = plane_chunk(text, cells, 5, 1), plane_chunk(text, cells[2:3], 5, 1)
+    for name in ("hit", "score_v", "ahead", "arrival_s", "width_s"):
+        assert np.array_equal(every[name][2:3], one[name])
+    assert np.array_equal(every["still_m"], one["still_m"])
+
+
+def test_weights_give_the_nearer_hit_only_where_both_are_kept() -> None:
+    law = NoiseClusters(1.0, 7.4, 0.5, 0.0, 0.0, 0.0, 100)
+    hit = np.array([[True, True], [True, False], [False, False]])
+    draws = CellDraws(
+        hit, np.where(hit, [[6.0, 5.0]], 0.0), np.array([[0, 1], [0, 0], [0, 0]]), np.zeros((3, 2))
+    )
+    kept, weights = draws.kept(law), draws.weights(law)
+    assert weights.sum(axis=1) == pytest.approx(kept[:, 0])
+    assert weights[0, 1] == kept[0, 1] > 0
+    assert weights[1, 1] == weights[2].sum() == 0
+
+
+@pytest.mark.parametrize(("sd", "count"), [(1.0, 500), (2.0, 5000)])
+def test_a_brute_cell_tells_what_was_drawn(sd: float, count: int) -> None:
+    draws = np.random.default_rng(count)
+    true = draws.normal(0.3, sd, count)
+    false = FALSE_M + draws.exponential(100.0, count // 4)
+    cell = brute_cell(np.concatenate([true, false, [np.inf]]), 0.3)
+    assert cell.shots == count + count // 4 + 1
+    assert cell.pfd.value == pytest.approx((count // 4 + 1) / cell.shots)
+    assert cell.spread is not None
+    assert cell.spread.value == pytest.approx(sd, abs=SIGMAS * cell.spread.standard_uncertainty)
+    assert cell.spread.standard_uncertainty == pytest.approx(sd / np.sqrt(2 * count), rel=0.15)
+
+
+# ---- the campaign
+
+
+def test_options_below_what_statistics_need_are_refused() -> None:
+    with pytest.raises(RefusedInput, match="--noise-windows 5"):
+        RangeOptions(noise_windows=5)
+
+
+def test_a_plan_has_every_cell_once_and_every_window_of_noise_once() -> None:
+    options = RangeOptions(draws=3, sets=2, noise_windows=700, shots=4)
+    chunks = plan(options).chunks
+    noise_chunks = [one for one in chunks if one.work.endswith(":noise_peaks")]
+    assert sum(one.given["windows"] for one in noise_chunks) == 700
+    shots = [one for one in chunks if one.work.endswith(":whole_shots")]
+    assert len({(one.given["scene"], str(one.given["condition"])) for one in shots}) == len(shots) == 24
+    assert len(chunks) == len({one.key for one in chunks}) == 3 + 8 + 24
+
+
+def test_the_command_predicts_the_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given two fractals in the place of eleven
+    monkeypatch.setattr(range_ground, "LEVELS", 2)
+    range_chunks._ground.cache_clear()
+    range_chunks._described.cache_clear()
+    out = tmp_path / "range"
+    small = ["--draws", "12", "--sets", "1", "--noise-windows", "30", "--shots", "3", "--workers", "1"]
+
+    assert main(["campaign", "range", "--out", str(out), *small]) == 0
+
+    told = capsys.readouterr().out
+    assert told.count(" km  mean") == 24
+    results = json.loads((out / "summary.json").read_text())["results"]
+    assert len(results["table"]) == 48
+    low, high = (one["pfd"]["value"] for one in (results["table"][4], results["table"][-12 + 0]))
+    assert low < high
+    assert (out / "data.nc").is_file()
+    assert (out / "report.html").is_file()
+    # and going on with a finished campaign tells the same
+    assert main(["campaign", "range", "--resume", str(out)]) == 0
+    assert capsys.readouterr().out == told
+    range_chunks._ground.cache_clear()
+    range_chunks._described.cache_clear()
+
+
+def test_a_receiver_of_other_filters_has_its_own_correction() -> None:
+    scene = base_scene()
+    slower = structs.replace(scene, electronics=structs.replace(scene.electronics, cutoff_hz=10e6))
+    ours, later = range_chunks.correction(scene), range_chunks.correction(slower)
+    assert float(later.at(60e-9)) > float(ours.at(60e-9)) + 5e-9
+    assert range_chunks.correction(structs.replace(scene, filter="gaussian")).at(60e-9) == 0.0
+
+
+def test_draws_about_dark_ground_are_refused() -> None:
+    chain, _ = drawn(500e3, 2, 1)
+    grey = Chain(chain.scene, Accuracy(1e-3), replace(chain.surface, albedo=0.5))
+    at = places(strips(), described(strips(), 6.25), (5.0, 15.0), 1, Draws(1, 0))
+    with pytest.raises(RefusedInput, match="reflectance of 1"):
+        local_draws(grey, at, 17e-9, RangeFinder.of(grey.scene.receiver_spec).bank.reach, Draws(1, 0))
