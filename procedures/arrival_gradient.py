@@ -16,8 +16,8 @@ import numpy as np
 
 from belahil.pulse_fit import CURVATURE
 from procedures.echo_hits import HALF_LIGHT, corrected_m
-from procedures.window_peaks import peaks
-from sim.rfm import loops
+from procedures.local_draws import NEAR_SAMPLES
+from procedures.window_peaks import piece_peaks, refined
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,7 +37,7 @@ _WIDTH_STEP = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearErrors:
-    """Errors of n shots without noise, and how noise adds to them; arrays of shape (n,).
+    """Errors of e echoes without noise, and how noise adds to them; arrays of shape (e,).
 
     Parameters
     ----------
@@ -52,6 +52,8 @@ class LinearErrors:
         the shot noise of white ground give an echo of white ground, m^2.
     shot_v2 : ndarray of float64
         Largest variance of that shot noise at a sample, V^2.
+    by_unit_m, by_shot_m : ndarray of float64, shape (n,)
+        Error that a shot's own stationary noise of 1 V rms, and shot noise, make of an echo of white ground.
     """
 
     still_m: NDArray[np.float64]
@@ -62,6 +64,8 @@ class LinearErrors:
     white_m2: NDArray[np.float64]
     shot_m2: NDArray[np.float64]
     shot_v2: NDArray[np.float64]
+    by_unit_m: NDArray[np.float64]
+    by_shot_m: NDArray[np.float64]
 
     def noise_m2(self, reflectance: float, noise_rms_v: float, white_rms_v: float) -> NDArray[np.float64]:
         """Return the variance that noise gives each shot, m^2, shape (n,).
@@ -75,6 +79,12 @@ class LinearErrors:
         """
         steady = self.stationary_m2 * noise_rms_v**2 + self.white_m2 * white_rms_v**2
         return np.asarray(steady / reflectance**2 + self.shot_m2 / reflectance)
+
+    def chance_m(self, reflectance: float, noise_rms_v: float) -> NDArray[np.float64]:
+        """Return the error that its own noise, without rounding, makes each shot to first order, m."""
+        return np.asarray(
+            self.by_unit_m * (noise_rms_v / reflectance) + self.by_shot_m / math.sqrt(reflectance)
+        )
 
     def snr(self, reflectance: float, noise_rms_v: float, white_rms_v: float) -> NDArray[np.float64]:
         """Return height of the echo over the largest rms of all noise on it, shape (n,)."""
@@ -100,8 +110,8 @@ def linear_errors(
         window.
     """
     interval_s = draws.interval_s
-    still, _ = _fitted(draws.still_v, finder)
-    moved, first = _fitted(draws.echo_v, finder)
+    still, _ = _fitted(draws.still_v, draws, finder)
+    moved, first = _fitted(draws.echo_v, draws, finder)
     at = first[:, None] + np.arange(finder.correlation_window_samples)
     volts = np.take_along_axis(draws.echo_v, at, axis=1)
     by_centre, by_width = fit_gradient(volts, at, *moved)
@@ -123,6 +133,8 @@ def linear_errors(
         white_m2=np.einsum("ni,ni->n", gradient, gradient),
         shot_m2=np.einsum("nu,nu->n", by_step**2, draws.shot_variance),
         shot_v2=(draws.shot_variance @ draws.shot_taps**2).max(axis=1),
+        by_unit_m=np.einsum("ni,ni->n", whole[draws.of_echo], draws.unit),
+        by_shot_m=np.einsum("ni,ni->n", whole[draws.of_echo], draws.shot_v),
     )
 
 
@@ -179,16 +191,12 @@ def fit_gradient(
 
 
 def _fitted(
-    volts: NDArray[np.float64], finder: RangeFinder
+    volts: NDArray[np.float64], draws: LocalDraws, finder: RangeFinder
 ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], NDArray[np.int64]]:
     """Least-squares Gaussians of the best peaks, and where their correlation windows begin."""
-    lags = peaks(finder, volts, 1, mean=False).lag
-    rows = np.empty((len(volts), 4))
-    for row, one, lag in zip(rows, volts, lags, strict=True):
-        row[:] = loops().refine(one, 0.0, lag, finder.bank.widths, finder.correlation_window_samples, _STEPS)[
-            0
-        ]
-    return (rows[:, 0], rows[:, 1], rows[:, 2]), rows[:, 3].astype(np.int64)
+    lags = piece_peaks(finder, volts, (draws.middle - NEAR_SAMPLES, draws.middle + NEAR_SAMPLES), 1).lag
+    centre, width, amplitude, first = (one[:, 0] for one in refined(finder, volts, lags, _STEPS))
+    return (centre, width, amplitude), first.astype(np.int64)
 
 
 def _errors_m(

@@ -35,10 +35,12 @@ class RangeOptions:
 
     Parameters
     ----------
-    draws : int
-        Draws about the echo, on each of the eleven terrains, in each of `sets` sets.
+    echoes : int
+        On each of the eleven terrains, in each of `sets` sets.
+    repeats : int
+        Shots drawn about each echo, with noise of their own.
     sets : int
-        Chunks of draws for each altitude.
+        Chunks of echoes for each altitude.
     noise_windows : int
         Windows of noise for the law of its peaks.
     shots : int
@@ -54,8 +56,9 @@ class RangeOptions:
         A number below what statistics need.
     """
 
-    draws: int = 60
-    sets: int = 8
+    echoes: int = 60
+    repeats: int = 6
+    sets: int = 6
     noise_windows: int = 2000
     shots: int = 100
     seed: int = 1
@@ -63,7 +66,8 @@ class RangeOptions:
 
     def __post_init__(self) -> None:
         for name, least in (
-            ("draws", 1),
+            ("echoes", 1),
+            ("repeats", 1),
             ("sets", 1),
             ("noise_windows", 20),
             ("shots", 0),
@@ -96,7 +100,12 @@ def plan(options: RangeOptions) -> CampaignPlan:
         text = as_toml(structs.replace(scene, altitude_m=altitude_m))
         for number in range(options.sets):
             given = {"scene": text, **ground, "conditions": [asdict(one) for one in every]}
-            given |= {"count": options.draws, "seed": options.seed, "number": number}
+            given |= {
+                "count": options.echoes,
+                "repeats": options.repeats,
+                "seed": options.seed,
+                "number": number,
+            }
             name = f"echoes from {altitude_m / 1e3:g} km, set {number}"
             chunks.append(Chunk(name, "procedures.range_chunks:echo_draws", given))
     if options.shots:

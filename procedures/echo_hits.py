@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from procedures.local_draws import NEAR_SAMPLES
-from procedures.window_peaks import peaks, refined
+from procedures.local_draws import BLIND_SAMPLES, NEAR_SAMPLES
+from procedures.window_peaks import piece_peaks, refined
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 
 if TYPE_CHECKING:
@@ -26,8 +26,12 @@ if TYPE_CHECKING:
 FALSE_M = 10.0
 HALF_LIGHT = SPEED_OF_LIGHT_M_PER_S / 2
 
-_PEAKS = 8
-"""Looked at in a piece of a window."""
+_PEAKS = 6
+"""Looked at in a piece of a window: more do not fit next to each other."""
+_LIKELY_SAMPLES = 10
+"""From the middle, within which a peak may be refined to within 10 m: those are 5.3, the refinement moves by
+3 at most, and the arrival lies within one of the middle."""
+_AT_ONCE = 2048
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,43 +70,62 @@ def corrected_m(
 
 
 def echo_hits(
-    draws: LocalDraws, windows: NDArray[np.float64], finder: RangeFinder, curve: DelayCurve
+    draws: LocalDraws,
+    reflectance: float,
+    noise_rms_v: float,
+    step_v: float,
+    finder: RangeFinder,
+    curve: DelayCurve,
 ) -> EchoHits:
     """Find the echo in pieces of windows.
 
     Parameters
     ----------
     draws : LocalDraws
-        Where they lie.
-    windows : ndarray of float64, shape (n, m)
-        V, rounded as the converter does.
+        n shots.
+    reflectance, noise_rms_v : float
+        Of the ground; of the stationary noise at the converter, V.
+    step_v : float
+        To which the converter rounds, V.
     finder : RangeFinder
         The receiver's.
     curve : DelayCurve
         The correction of arrivals. What it leaves on the average is some mm, far from 10 m.
     """
-    found = peaks(finder, windows, _PEAKS, mean=False)
-    lags = np.where(np.abs(found.lag - draws.middle) <= NEAR_SAMPLES, found.lag, -1)
-    centre, width = refined(finder, windows, lags)
+    parts = []
+    for begin in range(0, len(draws.unit), _AT_ONCE):
+        part = slice(begin, begin + _AT_ONCE)
+        volts = np.rint(draws.windows(reflectance, noise_rms_v, part) / step_v) * step_v
+        parts.append(_hits(draws, volts, part, finder, curve))
+    return EchoHits(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _hits(
+    draws: LocalDraws, volts: NDArray[np.float64], part: slice, finder: RangeFinder, curve: DelayCurve
+) -> tuple[NDArray[np.generic], ...]:
+    wide = NEAR_SAMPLES + BLIND_SAMPLES
+    found = piece_peaks(finder, volts, (draws.middle - wide, draws.middle + wide), _PEAKS)
+    away = np.abs(found.lag - draws.middle)
+    there = (found.lag >= 0) & (away <= NEAR_SAMPLES)
+    likely = there & (away <= _LIKELY_SAMPLES)
+    centre, width = refined(finder, volts, np.where(likely, found.lag, -1))[:2]
     interval_s = draws.interval_s
-    arrival_s = draws.first_s[:, None] + interval_s * centre - draws.true_s[:, None]
-    width_s = interval_s * width
-    there = lags >= 0
-    off_m = np.where(there, np.abs(corrected_m(curve, arrival_s, width_s)), np.inf)
+    shift_s = (draws.first_s - draws.true_s)[draws.of_echo[part], None]
+    arrival_s, width_s = shift_s + interval_s * centre, interval_s * width
+    off_m = np.where(likely, np.abs(corrected_m(curve, arrival_s, width_s)), np.inf)
     near = off_m <= FALSE_M
-    rows = np.arange(len(lags))
+    rows = np.arange(len(near))
     first = near.argmax(axis=1)
     later = near & (np.arange(near.shape[1]) > first[:, None])
     at = np.stack([first, later.argmax(axis=1)], axis=1)
     hit = np.stack([near.any(axis=1), later.any(axis=1)], axis=1)
     nearer = np.where(off_m[rows, at[:, 1]] < off_m[rows, first], at[:, 1], first)
-    told = np.stack([first, nearer], axis=1)
+    told, each = np.stack([first, nearer], axis=1), rows[:, None]
     ahead = (there[:, None, :] & (np.arange(near.shape[1]) < at[:, :, None])).sum(axis=2)
-    each = rows[:, None]
-    return EchoHits(
-        hit=np.asarray(hit),
-        score_v=np.where(hit, found.score[each, at], 0.0),
-        ahead=ahead,
-        arrival_s=np.where(hit, arrival_s[each, told], 0.0),
-        width_s=np.where(hit, width_s[each, told], 0.0),
+    return (
+        hit,
+        np.where(hit, found.score[each, at], 0.0),
+        ahead,
+        np.where(hit, arrival_s[each, told], 0.0),
+        np.where(hit, width_s[each, told], 0.0),
     )

@@ -31,31 +31,39 @@ if TYPE_CHECKING:
 
 NEAR_SAMPLES = 20
 """On either side of the place where an echo is looked for; false is more than 10 m, 5.3 samples, away."""
+BLIND_SAMPLES = 10
+"""Beyond these, in which a peak keeps others from being seen: the range finder's exclusion."""
 
 _AT_ONCE = 256
 """Rows of shot noise in one product of matrices."""
+_FORGOTTEN_SAMPLES = 40
+"""Between two rows of one stretch of noise: so many forget what was before."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalDraws:
-    """Draws about the echo, at the converter; n shots with m samples each.
+    """Draws about the echo, at the converter: e echoes, n = e x repeats shots, m samples.
 
     Parameters
     ----------
-    echo_v, still_v : ndarray of float64, shape (n, m)
+    echo_v, still_v : ndarray of float64, shape (e, m)
         Without noise, of white ground; the second without jitter of beam and energy.
-    shot_v : ndarray of float64, shape (n, m)
-        Shot noise of white ground.
-    shot_variance : ndarray of float64, shape (n, u)
+    first_s : ndarray of float64, shape (e,)
+        First sample from the gate, s.
+    true_s : ndarray of float64, shape (e,)
+        Arrival of the middle of the light, from the gate, s.
+    shot_variance : ndarray of float64, shape (e, u)
         Of the steps before the filter from which shot noise is made, of white ground, V^2.
     shot_taps : ndarray of float64, shape (u, m)
         What the filter makes of a step.
+    shot_v : ndarray of float64, shape (n, m)
+        Shot noise of white ground.
     unit : ndarray of float64, shape (n, m)
         Stationary noise of unit rms.
-    first_s : ndarray of float64, shape (n,)
-        First sample from the gate, s.
-    true_s : ndarray of float64, shape (n,)
-        Arrival of the middle of the light, from the gate, s.
+    weight : ndarray of float64, shape (n,)
+        Of the shots: 1, unless their noise is tilted, see `procedures.noise_tilt`.
+    of_echo : ndarray of int64, shape (n,)
+        Which echo a shot has.
     interval_s : float
         Between samples, s.
     middle : int
@@ -64,23 +72,27 @@ class LocalDraws:
 
     echo_v: NDArray[np.float64]
     still_v: NDArray[np.float64]
-    shot_v: NDArray[np.float64]
-    shot_variance: NDArray[np.float64]
-    shot_taps: NDArray[np.float64]
-    unit: NDArray[np.float64]
     first_s: NDArray[np.float64]
     true_s: NDArray[np.float64]
+    shot_variance: NDArray[np.float64]
+    shot_taps: NDArray[np.float64]
+    shot_v: NDArray[np.float64]
+    unit: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    of_echo: NDArray[np.int64]
     interval_s: float
     middle: int
 
-    def windows(self, reflectance: float, noise_rms_v: float) -> NDArray[np.float64]:
-        """Return the samples of a scene before they are rounded, V, shape (n, m)."""
-        found = reflectance * self.echo_v + noise_rms_v * self.unit
-        found += math.sqrt(reflectance) * self.shot_v
+    def windows(
+        self, reflectance: float, noise_rms_v: float, part: slice = slice(None)
+    ) -> NDArray[np.float64]:
+        """Return the samples of some shots of a scene before they are rounded, V."""
+        found = reflectance * self.echo_v[self.of_echo[part]] + noise_rms_v * self.unit[part]
+        found += math.sqrt(reflectance) * self.shot_v[part]
         return found
 
 
-def local_draws(chain: Chain, places: Places, late_s: float, reach: int, draws: Draws) -> LocalDraws:
+def local_draws(chain: Chain, places: Places, late_s: float, draws: Draws, repeats: int = 1) -> LocalDraws:
     """Draw shots.
 
     Parameters
@@ -88,13 +100,13 @@ def local_draws(chain: Chain, places: Places, late_s: float, reach: int, draws: 
     chain : Chain
         Over a grid with a reflectance of 1 and with shot noise; its own dark noise and sun do not matter.
     places : Places
-        One shot at each.
+        One echo at each.
     late_s : float
         By how much an echo is late behind the receiver's filter, to a sample, s.
-    reach : int
-        Samples that a search touches on either side of a place, such as that of a bank of templates.
     draws : Draws
         "phase", "pointing", "energy", "shot_noise" and "noise".
+    repeats : int
+        Shots with noise of their own for each echo.
 
     Raises
     ------
@@ -106,28 +118,29 @@ def local_draws(chain: Chain, places: Places, late_s: float, reach: int, draws: 
     if chain.surface.albedo != 1.0 or shot_noise is None:
         raise RefusedInput("draws about an echo need a reflectance of 1 and shot noise")
     count, interval_s = places.true_s.size, chain.receiver.grid.interval_s
-    half = NEAR_SAMPLES + 2 * reach
+    half = NEAR_SAMPLES + BLIND_SAMPLES + chain.range_finder.bank.reach
+    size = 2 * half + 1
     true_s = places.true_s + chain.kernel.pulse.mean_s
     phase = draws.stream("phase").random(count)
     first_s = true_s + late_s - (half + phase) * interval_s
     wandered = draws.stream("pointing").standard_normal((count, 2)) * np.array(laser.jitter_rad)
     centres_m = places.centre_m + altitude_m * np.tan(wandered)
     energy = 1 + laser.energy_jitter * draws.stream("energy").standard_normal(count)
-    size = 2 * half + 1
     plan = replace(chain.plan, pixel_m=chain.surface.spacing_m)
     volts = GridEcho(chain.surface, laser, altitude_m, plan, chain.kernel, interval_s, size)
-    echo_v = volts.samples(centres_m, first_s)[0] * (gain * energy[:, None])
-    still_v = volts.samples(places.centre_m, first_s)[0] * gain
     variance, taps = _shot_steps(chain, shot_noise, centres_m, first_s, energy, size)
+    of_echo = np.repeat(np.arange(count), repeats)
     return LocalDraws(
-        echo_v=echo_v,
-        still_v=still_v,
-        shot_v=gain * _shot_volts(variance, taps, draws.stream("shot_noise")),
-        shot_variance=gain**2 * variance,
-        shot_taps=taps,
-        unit=_stationary(chain, count, size, draws.stream("noise")),
+        echo_v=volts.samples(centres_m, first_s)[0] * (gain * energy[:, None]),
+        still_v=volts.samples(places.centre_m, first_s)[0] * gain,
         first_s=first_s,
         true_s=true_s,
+        shot_variance=gain**2 * variance,
+        shot_taps=taps,
+        shot_v=gain * _shot_volts(variance[of_echo], taps, draws.stream("shot_noise")),
+        unit=_stationary(chain, of_echo.size, size, draws.stream("noise")),
+        weight=np.ones(of_echo.size),
+        of_echo=of_echo,
         interval_s=interval_s,
         middle=half,
     )
@@ -172,10 +185,6 @@ def _shot_volts(
 
 def _stationary(chain: Chain, count: int, size: int, stream: np.random.Generator) -> NDArray[np.float64]:
     """Noise of unit rms behind the receiver's own filter, shape (count, size): one long stretch, cut."""
-    # Between two rows lie samples enough to forget the one before.
-    apart = size + _FORGOTTEN_SAMPLES
-    noise = SampledNoise(chain.receiver.poles, chain.receiver.zeros, chain.receiver.grid.interval_s)
+    apart, receiver = size + _FORGOTTEN_SAMPLES, chain.receiver
+    noise = SampledNoise(receiver.poles, receiver.zeros, receiver.grid.interval_s)
     return noise.draw(stream, count * apart).reshape(count, apart)[:, :size]
-
-
-_FORGOTTEN_SAMPLES = 40

@@ -17,11 +17,12 @@ from belahil import butterworth
 from belahil.delay_curve import DelayCurve
 from belahil.pole_response import SampledNoise, autocovariance
 from procedures.arrival_gradient import linear_errors
-from procedures.echo_hits import corrected_m, echo_hits
-from procedures.local_draws import local_draws
+from procedures.echo_hits import HALF_LIGHT, corrected_m, echo_hits
+from procedures.local_draws import NEAR_SAMPLES, LocalDraws, local_draws
+from procedures.noise_tilt import fitting_tilt, tilted_noise
 from procedures.range_ground import Places, Strips, described, fractal_strips, places, plane_strip
 from procedures.range_scenes import Condition, cell_scene
-from procedures.window_peaks import peaks
+from procedures.window_peaks import piece_peaks, window_peaks
 from sim.accuracy import Accuracy
 from sim.chain import Chain
 from sim.detector import tia_poles
@@ -94,6 +95,7 @@ def echo_draws(
     slopes_deg: Sequence[float],
     conditions: Sequence[dict[str, Any]],
     count: int,
+    repeats: int,
     seed: int,
     number: int,
 ) -> dict[str, NDArray[Any]]:
@@ -112,17 +114,19 @@ def echo_draws(
     conditions : sequence of dict
         Fields of `procedures.range_scenes.Condition`.
     count : int
-        Shots on each terrain.
+        Echoes on each terrain.
+    repeats : int
+        Shots for each echo.
     seed, number : int
         Key of the draws.
 
     Returns
     -------
     dict
-        ``hit, score_v, ahead, arrival_s, width_s`` of shape (conditions, n, 2), `EchoHits`; ``still_m,
-        moved_m, peak_v, fit_s, stationary_m2, white_m2, shot_m2`` of shape (n,), `LinearErrors`; ``slope_deg,
-        roughness_m, by_centre_m, by_plane_m``, the last two the one-way change of the true range with the
-        other definitions.
+        ``hit, score_v, ahead, arrival_s, width_s`` of shape (conditions, n, 2), `EchoHits`, and ``weight`` of
+        shape (n,); the fields of `LinearErrors`, its ``width_s`` by the name ``fit_s``; ``slope_deg,
+        roughness_m, by_centre_m, by_plane_m`` of shape (echoes,), the last two the one-way change of the true
+        range with the other definitions.
     """
     read = parse_scene(scene)
     key = (ground, ground_seed, sum(slopes_deg) / 2)
@@ -130,27 +134,32 @@ def echo_draws(
     chain = Chain(read, Accuracy(TOLERANCE), land.surface)
     finder, curve, draws = chain.range_finder, correction(read), Draws(seed, number)
     at = _places(read, key, slopes_deg, count, draws)
-    drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), finder.bank.reach, draws)
-    interval_s = chain.receiver.grid.interval_s
-    lags = interval_s * np.arange(finder.correlation_window_samples)
+    drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws, repeats)
+    drawn = tilted_noise(drawn, chain.receiver, finder, _tilt(drawn, finder, conditions), draws)
+    lags = chain.receiver.grid.interval_s * np.arange(finder.correlation_window_samples)
     unit = autocovariance(chain.receiver.poles, lags, chain.receiver.zeros)
     linear = linear_errors(drawn, finder, curve, unit / unit[0])
-    step_v, rows = chain.receiver.quantizer.volts_per_count, []
-    for one in conditions:
-        windows = np.rint(drawn.windows(one["reflectance"], one["noise_rms_v"]) / step_v) * step_v
-        rows.append(echo_hits(drawn, windows, finder, curve))
+    step_v = chain.receiver.quantizer.volts_per_count
+    rows = [
+        echo_hits(drawn, one["reflectance"], one["noise_rms_v"], step_v, finder, curve) for one in conditions
+    ]
     made = {name: np.stack([getattr(row, name) for row in rows]) for name in rows[0].__slots__}
-    told = asdict(linear)
-    return (
-        made
-        | {FIT_WIDTH if name == "width_s" else name: told[name] for name in told}
-        | {
-            "slope_deg": at.slope_deg,
-            "roughness_m": at.roughness_m,
-            "by_centre_m": 149896229.0 * (at.true_by_centre_s - at.true_s),
-            "by_plane_m": 149896229.0 * (at.true_by_plane_s - at.true_s),
-        }
-    )
+    told = {FIT_WIDTH if name == "width_s" else name: array for name, array in asdict(linear).items()}
+    other = {
+        "weight": drawn.weight,
+        "slope_deg": at.slope_deg,
+        "roughness_m": at.roughness_m,
+        "by_centre_m": HALF_LIGHT * (at.true_by_centre_s - at.true_s),
+        "by_plane_m": HALF_LIGHT * (at.true_by_plane_s - at.true_s),
+    }
+    return made | told | other
+
+
+def _tilt(drawn: LocalDraws, finder: RangeFinder, conditions: Sequence[dict[str, Any]]) -> float:
+    """The tilt for the faintest of some conditions."""
+    near = (drawn.middle - NEAR_SAMPLES, drawn.middle + NEAR_SAMPLES)
+    score_v = float(np.median(piece_peaks(finder, drawn.still_v, near, 1).score))
+    return fitting_tilt(min(one["reflectance"] / one["noise_rms_v"] for one in conditions) * score_v)
 
 
 def noise_peaks(
@@ -182,7 +191,7 @@ def noise_peaks(
         drawn = KeyedDraws(seed, first + number).coloured("noise", unit, size).astype(np.float64)
         for level, rms_v in enumerate(noise_rms_v):
             volts = np.rint(rms_v / step_v * drawn) * step_v
-            found[level, number] = peaks(finder, volts[None], NOISE_PEAKS, mean=True).score[0]
+            found[level, number] = window_peaks(finder, volts, NOISE_PEAKS)
     return {"score_v": found}
 
 

@@ -46,38 +46,50 @@ class CellDraws:
         As there.
     error_m : ndarray of float64
         Corrected and without the calibrated bias.
+    weight : ndarray of float64, shape (n,)
+        Of the draws.
+    echoes : int
+        Those of one echo follow each other, n / echoes of them.
     """
 
     hit: NDArray[np.bool_]
     score_v: NDArray[np.float64]
     ahead: NDArray[np.int64]
     error_m: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    echoes: int
 
     def kept(self, law: NoiseClusters) -> NDArray[np.float64]:
         """Return the probability of each hit to be among the candidates, shape (n, 2)."""
         return np.where(self.hit, law.kept(self.score_v, KEPT - 1 - self.ahead, OUTSIDE), 0.0)
 
     def weights(self, law: NoiseClusters) -> NDArray[np.float64]:
-        """Return the probability that a draw ends with each of its errors, shape (n, 2)."""
+        """Return the weight of each draw's ending with each of its errors, shape (n, 2)."""
         kept = self.kept(law)
         # Where both hits are kept, the nearer one is told; else the first.
-        return np.stack([kept[:, 0] - kept[:, 1], kept[:, 1]], axis=1)
+        return self.weight[:, None] * np.stack([kept[:, 0] - kept[:, 1], kept[:, 1]], axis=1)
+
+    def by_echo(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return sums over all that belongs to an echo, shape (echoes,)."""
+        return np.asarray(values.reshape(self.echoes, -1).sum(axis=1))
 
 
 def fast_pfd(draws: CellDraws, law: NoiseClusters) -> Estimate:
     """Return the probability of false detection; the law's own uncertainty is in it."""
-    kept = draws.kept(law)[:, 0]
+    total = float(draws.weight.sum())
 
-    def moved(a: float, b: float) -> float:
-        return float(draws.kept(replace(law, a=law.a + a, b=law.b + b))[:, 0].mean())
+    def detected(a: float = 0.0, b: float = 0.0) -> float:
+        kept = draws.kept(replace(law, a=law.a + a, b=law.b + b))[:, 0]
+        return float(draws.weight @ kept) / total
 
-    step = 1e-3
-    by_a = (moved(step, 0) - moved(-step, 0)) / (2 * step)
-    by_b = (moved(0, step) - moved(0, -step)) / (2 * step)
+    step, share = 1e-3, detected()
+    by_a = (detected(step) - detected(-step)) / (2 * step)
+    by_b = (detected(0.0, step) - detected(0.0, -step)) / (2 * step)
     u_a, u_b = by_a * law.a_u, by_b * law.b_u
     of_law = max(u_a**2 + u_b**2 + 2 * law.correlation * u_a * u_b, 0.0)
-    of_draws = float(kept.var()) / (kept.size - 1)
-    return Estimate(1 - float(kept.mean()), math.sqrt(of_draws + of_law), "1")
+    away = draws.by_echo(draws.weight * (draws.kept(law)[:, 0] - share))
+    # Weights leave a sum that rounds to a little more than all of it.
+    return Estimate(max(1 - share, 0.0), math.sqrt(float(away @ away) / total**2 + of_law), "1")
 
 
 def conditional_pfd(draws: CellDraws, scores_v: NDArray[np.float64]) -> Estimate:
@@ -88,32 +100,47 @@ def conditional_pfd(draws: CellDraws, scores_v: NDArray[np.float64]) -> Estimate
     hit, score_v, ahead = draws.hit[:, 0], draws.score_v[:, 0], draws.ahead[:, 0]
     by_window = np.zeros(len(scores_v))
     for larger in range(KEPT):
-        rows = np.sort(score_v[hit & (ahead == larger)])
+        able = hit & (ahead == larger)
+        order = np.argsort(score_v[able])
+        below = np.concatenate([[0.0], np.cumsum(draws.weight[able][order])])
         # Kept are those above the window's peak that would be the fourth.
-        by_window += rows.size - np.searchsorted(rows, scores_v[:, KEPT - 1 - larger], side="right")
-    by_window /= hit.size
+        place = np.searchsorted(score_v[able][order], scores_v[:, KEPT - 1 - larger], side="right")
+        by_window += below[-1] - below[place]
+    by_window /= draws.weight.sum()
     return Estimate(1 - float(by_window.mean()), float(by_window.std()) / math.sqrt(len(scores_v) - 1), "1")
 
 
-def weighted_rms(errors_m: NDArray[np.float64], weights: NDArray[np.float64]) -> Estimate | None:
-    """Return the root of the weighted mean square, m; None where fewer than two draws have a weight.
+def weighted_rms(
+    errors_m: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    echoes: int | None = None,
+    control: NDArray[np.float64] | None = None,
+) -> Estimate | None:
+    """Return the root of the weighted mean square, m; None where fewer than two echoes have a weight.
 
     Parameters
     ----------
     errors_m : ndarray of float64
         m; of the shape of the weights, or one that broadcasts to it.
     weights : ndarray of float64, shape (n, k)
-        Of the draws; those in a row belong to one draw.
+        Not negative.
+    echoes : int or None
+        Independent are so many groups of rows; None: all rows.
+    control : ndarray of float64, shape (echoes,), or None
+        Of known mean 0 and like the squares of the errors: what chance makes of it is taken off.
     """
-    total = float(weights.sum())
-    if np.count_nonzero(weights.sum(axis=1) > 0) < 2:
+    groups, total = weights.shape[0] if echoes is None else echoes, float(weights.sum())
+    if groups < 2 or np.count_nonzero(weights.reshape(groups, -1).sum(axis=1)) < 2:
         return None
     squares = np.broadcast_to(errors_m**2, weights.shape)
     mean = float((weights * squares).sum()) / total
+    away = (weights * (squares - mean)).reshape(groups, -1).sum(axis=1)
+    if control is not None and control.any():
+        away = away - float(away @ control / (control @ control)) * control
+        mean = max(mean + float(away.sum()) / total, 0.0)
     if not mean > 0:
         return Estimate(0.0, 0.0, "m")
-    of_draws = (weights * (squares - mean)).sum(axis=1)
-    of_mean = math.sqrt(float(of_draws @ of_draws)) / total
+    of_mean = math.sqrt(float(((away - away.mean()) ** 2).sum())) / total
     return Estimate(math.sqrt(mean), of_mean / (2 * math.sqrt(mean)), "m")
 
 

@@ -171,11 +171,18 @@ def cell(
     """
     linear = LinearErrors(**{name: drawn[key] for name, key in LINEAR_FIELDS.items()})
     bias_m = float(linear.still_m.mean())
-    errors_m = corrected_m(curve, drawn["arrival_s"][row], drawn["width_s"][row]) - bias_m
-    draws = CellDraws(drawn["hit"][row], drawn["score_v"][row], drawn["ahead"][row], errors_m)
-    weights = draws.weights(law)
-    spread = weighted_rms(errors_m, weights)
-    mean_m = 0.0 if spread is None else float((weights * errors_m).sum() / weights.sum())
+    draws = cell_draws(drawn, row, curve, bias_m)
+    weights, echoes = draws.weights(law), draws.echoes
+    noise_rms_v, reflectance = condition.noise_rms_v, condition.reflectance
+    of_echo = np.repeat(np.arange(echoes), draws.weight.size // echoes)
+    expected_m2 = linear.noise_m2(reflectance, noise_rms_v, 0.0)
+    chance_m = linear.chance_m(reflectance, noise_rms_v)
+    moved_m = (linear.moved_m - bias_m)[of_echo]
+    control = draws.by_echo(draws.weight * ((moved_m + chance_m) ** 2 - moved_m**2 - expected_m2[of_echo]))
+    spread = weighted_rms(draws.error_m, weights, echoes, control)
+    mean_m = float((weights * draws.error_m).sum() / weights.sum()) if spread else 0.0
+    away_m = draws.by_echo(weights * (draws.error_m - mean_m))
+    mean_u_m = math.sqrt(float(away_m @ away_m)) / float(weights.sum()) if spread else 0.0
     step_v = scene.truth.adc_full_scale_v / 2**scene.truth.adc_bits
     return Cell(
         altitude_m=scene.altitude_m,
@@ -183,15 +190,18 @@ def cell(
         pfd=fast_pfd(draws, law),
         conditional=conditional_pfd(draws, peaks_v),
         spread=spread,
-        shape=weighted_rms((linear.still_m - bias_m)[:, None], weights),
-        jitter=weighted_rms((linear.moved_m - linear.still_m)[:, None], weights),
-        noise=weighted_rms(errors_m - (linear.moved_m - bias_m)[:, None], weights),
-        bias=Estimate(bias_m, float(linear.still_m.std()) / math.sqrt(linear.still_m.size), "m"),
-        mean_error=None if spread is None else Estimate(mean_m, _mean_u(errors_m - mean_m, weights), "m"),
-        linear=linear_spread(linear, condition.reflectance, condition.noise_rms_v, step_v),
+        shape=weighted_rms((linear.still_m - bias_m)[of_echo, None], weights, echoes),
+        jitter=weighted_rms((linear.moved_m - linear.still_m)[of_echo, None], weights, echoes),
+        noise=weighted_rms(draws.error_m - moved_m[:, None], weights, echoes),
+        bias=Estimate(bias_m, float(linear.still_m.std()) / math.sqrt(echoes), "m"),
+        mean_error=Estimate(mean_m, mean_u_m, "m") if spread else None,
+        linear=linear_spread(linear, reflectance, noise_rms_v, step_v),
         brute=None if whole_m is None else brute_cell(whole_m, bias_m),
     )
 
 
-def _mean_u(away_m: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    return math.sqrt(float((weights**2 * away_m**2).sum())) / float(weights.sum())
+def cell_draws(drawn: Results, row: int, curve: DelayCurve, bias_m: float) -> CellDraws:
+    """Return the draws of one condition, of what `procedures.range_chunks.echo_draws` gives."""
+    errors_m = corrected_m(curve, drawn["arrival_s"][row], drawn["width_s"][row]) - bias_m
+    hits = (drawn["hit"][row], drawn["score_v"][row], drawn["ahead"][row])
+    return CellDraws(*hits, errors_m, drawn["weight"], drawn["still_m"].size)

@@ -1,4 +1,4 @@
-"""Candidates of a range finder with their scores, in whole windows and in pieces of them."""
+"""Candidates of a range finder with their scores: of whole windows, and of many pieces of windows at once."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim.rfm import RangeFinder
+
+_NONE = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,53 +33,108 @@ class Peaks:
     score: NDArray[np.float64]
 
 
-def peaks(finder: RangeFinder, windows: NDArray[np.float64], count: int, *, mean: bool) -> Peaks:
-    """Search windows as the range finder does, and tell the scores of what it finds.
+def window_peaks(finder: RangeFinder, volts: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return the largest scores of a whole window as its range finder sees it, best first, V.
 
     Parameters
     ----------
     finder : RangeFinder
         Its bank and its exclusion.
-    windows : ndarray of float64, shape (n, m)
+    volts : ndarray of float64, shape (n,)
+        V; the mean is taken off.
+    count : int
+        Peaks at most.
+
+    Returns
+    -------
+    ndarray of float64, shape (count,)
+        0 where there are no more.
+    """
+    mean, bank = float(volts.mean()), finder.bank
+    lags = loops().find(volts, mean, bank, count, finder.exclusion_samples)
+    bells = bank.templates.astype(np.float64)
+    padded = np.pad(volts - mean, bank.reach)
+    around = np.arange(bells.shape[1])
+    found = np.zeros(count)
+    found[: lags.size] = (padded[lags[:, None] + around] @ bells.T).max(axis=1)
+    return found
+
+
+def piece_peaks(finder: RangeFinder, pieces: NDArray[np.float64], near: tuple[int, int], count: int) -> Peaks:
+    """Search a stretch of lags in many pieces of windows of zero mean, as one product of matrices.
+
+    Parameters
+    ----------
+    finder : RangeFinder
+        Its bank and its exclusion.
+    pieces : ndarray of float64, shape (n, m)
         V.
+    near : tuple of int
+        First and last lag; the templates reach from there within the pieces.
     count : int
         Peaks in each.
-    mean : bool
-        Take the mean of each window off, as of a whole one; else they are pieces of windows of zero mean.
     """
-    use, bank = loops(), finder.bank
-    lags = np.full((len(windows), count), -1)
-    means = windows.mean(axis=1) if mean else np.zeros(len(windows))
-    for row, volts, middle in zip(lags, windows, means.tolist(), strict=True):
-        found = use.find(volts, middle, bank, count, finder.exclusion_samples)
-        row[: found.size] = found
-    return Peaks(lags, scores(finder, windows - means[:, None], lags))
+    bells, reach = finder.bank.templates, finder.bank.reach
+    first, last = near
+    part = pieces[:, first - reach : last + reach + 1].astype(np.float32)
+    lags = last - first + 1
+    # Each template at each lag: shape (samples, templates x lags).
+    at = np.arange(part.shape[1])[:, None, None] - np.arange(lags)
+    inside = (at >= 0) & (at <= 2 * reach)
+    columns = np.where(inside, bells[np.arange(len(bells))[:, None], np.where(inside, at, 0)], np.float32(0))
+    scores = (part @ columns.reshape(part.shape[1], -1)).reshape(len(part), len(bells), lags).max(axis=1)
+    return _picked(np.maximum(scores, 0.0), first, count, finder.exclusion_samples)
 
 
-def scores(finder: RangeFinder, windows: NDArray[np.float64], lags: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the largest correlation with a template at lags of windows, V, shape (n, k); 0 at lag -1."""
-    bells = finder.bank.templates.astype(np.float64)
-    reach, found = finder.bank.reach, np.zeros(lags.shape)
-    padded = np.pad(windows, ((0, 0), (reach, reach)))
-    around = np.arange(bells.shape[1])
-    for row, at in zip(*np.nonzero(lags >= 0), strict=True):
-        found[row, at] = (bells @ padded[row, lags[row, at] + around]).max()
+def _picked(scores: NDArray[np.float32], first: int, count: int, exclusion: int) -> Peaks:
+    """Take the largest of each row, blank its neighbours, and again."""
+    rows, lags = np.arange(len(scores)), np.arange(scores.shape[1])
+    found = Peaks(np.full((len(scores), count), _NONE), np.zeros((len(scores), count)))
+    for k in range(count):
+        best = scores.argmax(axis=1)
+        height = scores[rows, best]
+        there = height > 0
+        found.lag[there, k] = first + best[there]
+        found.score[:, k] = height
+        scores[np.abs(lags - best[:, None]) <= exclusion] = 0.0
     return found
 
 
 def refined(
-    finder: RangeFinder, windows: NDArray[np.float64], lags: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return centre and full width at the lags of windows of zero mean, in samples, shape (n, k).
+    finder: RangeFinder, pieces: NDArray[np.float64], lags: NDArray[np.int64], steps: int | None = None
+) -> tuple[NDArray[np.float64], ...]:
+    """Return centre and full width in samples, amplitude in V and first sample of the correlation window.
 
-    Where the lag is -1 both are 0.
+    Parameters
+    ----------
+    finder : RangeFinder
+        Its bank and its correlation window.
+    pieces : ndarray of float64, shape (n, m)
+        Pieces of windows of zero mean, V.
+    lags : ndarray of int64, shape (n, k)
+        With their correlation windows within the pieces; -1: none, and zeros come out.
+    steps : int or None
+        Of refinement; None: the range finder's.
+
+    Returns
+    -------
+    tuple of ndarray of float64, each of shape (n, k)
     """
-    use, bank = loops(), finder.bank
-    centre, width = np.zeros(lags.shape), np.zeros(lags.shape)
-    for number, (volts, row) in enumerate(zip(windows, lags, strict=True)):
-        there = row >= 0
-        found = use.refine(
-            volts, 0.0, row[there], bank.widths, finder.correlation_window_samples, finder.refinement_steps
-        )
-        centre[number, there], width[number, there] = found[:, 0], found[:, 1]
-    return centre, width
+    row, column = np.nonzero(lags >= 0)
+    begin = row * pieces.shape[1]
+    taken = finder.refinement_steps if steps is None else steps
+    # One long row of samples: correlation windows do not reach from one piece into the next.
+    found = loops().refine(
+        np.ascontiguousarray(pieces).ravel(),
+        0.0,
+        begin + lags[row, column],
+        finder.bank.widths,
+        finder.correlation_window_samples,
+        taken,
+    )
+    told = tuple(np.zeros(lags.shape) for _ in range(4))
+    for array, values in zip(told, found.T, strict=True):
+        array[row, column] = values
+    for array in (told[0], told[3]):
+        array[row, column] -= begin
+    return told

@@ -22,6 +22,7 @@ from procedures.echo_hits import FALSE_M, corrected_m, echo_hits
 from procedures.footprint_planes import EDGE, footprint_planes
 from procedures.local_draws import LocalDraws, local_draws
 from procedures.noise_clusters import NoiseClusters, fit_clusters
+from procedures.noise_tilt import MOST, UNTILTED, fitting_tilt, tilted_noise
 from procedures.range_ground import described, places, plane_strip, side_by_side
 from procedures.range_scenes import (
     DISTANCES_AU,
@@ -41,6 +42,8 @@ from procedures.range_statistics import (
     linear_spread,
     weighted_rms,
 )
+from procedures.range_table import cell_draws
+from procedures.window_peaks import piece_peaks, refined, window_peaks
 from sim.accuracy import Accuracy
 from sim.chain import Chain
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
@@ -67,14 +70,13 @@ def strips(slope_deg: float = 10.0):  # type: ignore[no-untyped-def]
 
 
 @lru_cache(maxsize=8)
-def drawn(altitude_m: float, count: int, seed: int) -> tuple[Chain, LocalDraws]:
+def drawn(altitude_m: float, count: int, seed: int, repeats: int = 1) -> tuple[Chain, LocalDraws]:
     scene = base_scene(altitude_m)
     chain = Chain(scene, Accuracy(1e-3), strips().surface)
     planes = described(strips(), 12.5e-6 * altitude_m)
     at = places(strips(), planes, (5.0, 15.0), count, Draws(seed, 0))
     curve = range_chunks.correction(scene)
-    reach = chain.range_finder.bank.reach
-    return chain, local_draws(chain, at, float(curve.at(50e-9)), reach, Draws(seed, 1))
+    return chain, local_draws(chain, at, float(curve.at(50e-9)), Draws(seed, 1), repeats)
 
 
 # ---- ground
@@ -160,6 +162,45 @@ def test_conditions_have_the_noise_of_their_chains(altitude_m: float) -> None:
         assert Chain(cell_scene(scene, one)).noise_rms_v == pytest.approx(one.noise_rms_v, rel=1e-6)
 
 
+# ---- peaks
+
+
+@pytest.mark.parametrize(("height", "seed"), [(0.0, 1), (4.0, 2), (20.0, 3)])
+def test_pieces_have_the_peaks_that_the_range_finder_finds(height: float, seed: int) -> None:
+    # given noise with a pulse in the middle of each piece
+    finder, draws = RangeFinder.of(base_scene().receiver_spec), np.random.default_rng(seed)
+    reach = finder.bank.reach
+    pieces = np.apply_along_axis(np.convolve, 1, draws.standard_normal((60, 300)), np.ones(3), mode="same")
+    pieces += height * np.exp(-0.5 * ((np.arange(300) - 150) / 2.0) ** 2)
+    near = (reach, 299 - reach)
+
+    found = piece_peaks(finder, pieces, near, 4)
+
+    # then they are those of a search of the piece, as far as its edge bears on none
+    for n, piece in enumerate(pieces):
+        theirs = loops().find(piece, 0.0, finder.bank, 12, finder.exclusion_samples)
+        inside = np.abs(theirs - 150) < 150 - reach - 2 * finder.exclusion_samples
+        best = [lag for lag, ok in zip(theirs, inside, strict=True) if ok][:1]
+        if best and theirs[0] == best[0]:
+            assert found.lag[n, 0] == best[0]
+            bells = finder.bank.templates.astype(float)
+            scores = bells @ piece[best[0] - reach : best[0] + reach + 1]
+            assert found.score[n, 0] == pytest.approx(scores.max(), rel=1e-5)
+    # and what is refined is what the range finder refines
+    centre, width, amplitude, first = refined(finder, pieces, found.lag)
+    for n in range(0, 60, 7):
+        alone = loops().refine(pieces[n], 0.0, found.lag[n], finder.bank.widths, 42, finder.refinement_steps)
+        assert centre[n] == pytest.approx(alone[:, 0], abs=1e-6)
+        assert width[n] == pytest.approx(alone[:, 1], rel=1e-9)
+        assert amplitude[n] == pytest.approx(alone[:, 2], rel=1e-9)
+        assert np.array_equal(first[n], alone[:, 3])
+
+
+def test_a_window_without_peaks_has_scores_of_zero() -> None:
+    finder = RangeFinder.of(base_scene().receiver_spec)
+    assert np.array_equal(window_peaks(finder, np.full(500, 3e-3), 8), np.zeros(8))
+
+
 # ---- the law of noise peaks
 
 
@@ -240,14 +281,18 @@ def test_linear_propagation_is_the_spread_that_noise_makes(reflectance: float, n
     spread = linear_spread(linear, reflectance, noise_rms_v, 0.0)
     assert spread.snr > VALID_SNR
     # when the range finder finds them in noise
-    hits = echo_hits(draws, draws.windows(reflectance, noise_rms_v), finder, curve)
+    hits = echo_hits(draws, reflectance, noise_rms_v, 1e-7, finder, curve)
     errors_m = corrected_m(curve, hits.arrival_s[:, 0], hits.width_s[:, 0])
-    of_noise = errors_m - linear.moved_m
+    of_noise = errors_m - linear.moved_m[draws.of_echo]
     # then its errors spread as the propagation says: chance, and 5 % for what is not linear
     allowed = SIGMAS / np.sqrt(2 * of_noise.size) + 0.05
     assert hits.hit[:, 0].all()
     assert abs(np.log(of_noise.std() / spread.noise_m)) < allowed
     assert abs(np.log(errors_m.std() / spread.total_m)) < allowed
+    # and shot by shot they are those of its own noise, to what is not linear
+    own = linear.chance_m(reflectance, noise_rms_v)
+    assert np.corrcoef(own, of_noise)[0, 1] > 0.95
+    assert own.std() == pytest.approx(spread.noise_m, rel=SIGMAS / np.sqrt(2 * own.size))
 
 
 def test_shot_noise_has_the_variance_of_its_steps() -> None:
@@ -261,15 +306,16 @@ def test_shot_noise_has_the_variance_of_its_steps() -> None:
 # ---- the fast way against the slow
 
 
-def plane_chunk(scene: str, cells: list[Condition], count: int, seed: int) -> dict[str, np.ndarray]:
+def plane_chunk(
+    scene: str, cells: list[Condition], count: int, seed: int, repeats: int = 1
+) -> dict[str, np.ndarray]:
     return range_chunks.echo_draws(
-        scene, "plane", 0, (9.0, 11.0), [asdict(one) for one in cells], count, seed, 0
+        scene, "plane", 0, (9.0, 11.0), [asdict(one) for one in cells], count, repeats, seed, 0
     )
 
 
-def cell_draws(made: dict[str, np.ndarray], row: int, scene) -> CellDraws:  # type: ignore[no-untyped-def]
-    errors_m = corrected_m(range_chunks.correction(scene), made["arrival_s"][row], made["width_s"][row])
-    return CellDraws(made["hit"][row], made["score_v"][row], made["ahead"][row], errors_m)
+def draws_of(made: dict[str, np.ndarray], row: int, scene) -> CellDraws:  # type: ignore[no-untyped-def]
+    return cell_draws(made, row, range_chunks.correction(scene), 0.0)
 
 
 @lru_cache(maxsize=1)
@@ -286,7 +332,7 @@ def test_fast_probabilities_are_the_conditional_ones_and_those_of_whole_shots() 
     made = plane_chunk(as_toml(scene), cells, 900, 7)
     seen = []
     for row, one in enumerate(cells):
-        draws, rows = cell_draws(made, row, scene), scores[one.noise_rms_v]
+        draws, rows = draws_of(made, row, scene), scores[one.noise_rms_v]
         # when the law is fitted to one half of the windows and the other half is taken as it is
         fast = fast_pfd(draws, fit_clusters(rows[:300], one.noise_rms_v))
         conditional = conditional_pfd(draws, rows[300:])
@@ -305,15 +351,70 @@ def test_fast_probabilities_are_the_conditional_ones_and_those_of_whole_shots() 
     row = 1
     whole = range_chunks.whole_shots(as_toml(scene), "plane", 0, (9.0, 11.0), asdict(cells[row]), 900, 8, 0)
     law = fit_clusters(scores[cells[row].noise_rms_v], cells[row].noise_rms_v)
-    fast, brute = fast_pfd(cell_draws(made, row, scene), law), brute_cell(whole["error_m"], 0.0)
+    fast, brute = fast_pfd(draws_of(made, row, scene), law), brute_cell(whole["error_m"], 0.0)
     apart = np.hypot(fast.standard_uncertainty, brute.pfd.standard_uncertainty)
     assert abs(fast.value - brute.pfd.value) < SIGMAS * apart
-    draws = cell_draws(made, row, scene)
+    draws = draws_of(made, row, scene)
     spread = weighted_rms(draws.error_m, draws.weights(law))
     assert spread is not None
     assert brute.spread is not None
     apart = np.hypot(spread.standard_uncertainty, brute.spread.standard_uncertainty)
     assert abs(spread.value - brute.spread.value) < SIGMAS * apart
+
+
+@pytest.mark.parametrize("tilt", [1.0, MOST])
+def test_tilted_noise_tells_the_same_with_its_weights(tilt: float) -> None:
+    # given the same faint echoes with noise as it is and tilted towards peaks
+    chain, plain = drawn(1400e3, 300, 6, 10)
+    finder, curve = chain.range_finder, range_chunks.correction(chain.scene)
+    tilted = tilted_noise(plain, chain.receiver, finder, tilt, Draws(6, 2))
+    assert tilted.weight.max() < 1 / UNTILTED
+    apart = SIGMAS * tilted.weight.std() / np.sqrt(tilted.weight.size)
+    assert abs(tilted.weight.mean() - 1) < apart
+    # when they are seen in noise that outbids most
+    law = fit_clusters(noise((0.8e-3,), 400)[0], 0.8e-3)
+    found = []
+    for draws in (plain, tilted):
+        hits = echo_hits(draws, 0.08, 0.8e-3, 0.49e-3, finder, curve)
+        errors_m = corrected_m(curve, hits.arrival_s, hits.width_s)
+        one = CellDraws(hits.hit, hits.score_v, hits.ahead, errors_m, draws.weight, 300)
+        spread = weighted_rms(errors_m, one.weights(law), 300)
+        assert spread is not None
+        found.append((fast_pfd(one, law), spread))
+    # then both tell the same, and the tilted ones tell the spread better
+    for untilted, weighted in zip(*found, strict=True):
+        apart = np.hypot(untilted.standard_uncertainty, weighted.standard_uncertainty)
+        assert abs(untilted.value - weighted.value) < SIGMAS * apart
+    assert found[1][1].standard_uncertainty < 0.8 * found[0][1].standard_uncertainty
+
+
+def test_the_tilt_follows_what_an_echo_lacks() -> None:
+    assert fitting_tilt(6.0) == 0.0
+    assert 0 < fitting_tilt(4.0) < fitting_tilt(3.0) < fitting_tilt(0.0) == MOST
+    chain, plain = drawn(500e3, 2, 1)
+    assert tilted_noise(plain, chain.receiver, chain.range_finder, 0.0, Draws(1, 0)) is plain
+
+
+@pytest.mark.parametrize("echoes", [40, 400])
+def test_a_control_takes_off_chance_and_no_truth(echoes: int) -> None:
+    # given errors that are nearly what is known of them
+    draws, rms, plain = np.random.default_rng(echoes), [], []
+    for _ in range(200):
+        known = draws.standard_normal((echoes, 5))
+        errors = 2 * known + 0.4 * draws.standard_normal((echoes, 5))
+        control = (4 * known**2 - 4).sum(axis=1)
+        weights = np.ones((5 * echoes, 1))
+        better = weighted_rms(errors.reshape(-1, 1), weights, echoes, control)
+        worse = weighted_rms(errors.reshape(-1, 1), weights, echoes)
+        assert better is not None
+        assert worse is not None
+        rms.append((better.value, better.standard_uncertainty))
+        plain.append(worse.standard_uncertainty)
+    values, told = np.transpose(rms)
+    # then the mean stays, the scatter is what is told, and it is smaller
+    assert abs(values.mean() - np.sqrt(4.16)) < SIGMAS * values.std() / np.sqrt(200) + 0.02 / echoes
+    assert values.std() == pytest.approx(told.mean(), rel=SIGMAS / np.sqrt(2 * 200) + 1 / echoes)
+    assert told.mean() < 0.6 * np.mean(plain)
 
 
 def test_without_an_echo_only_chance_detects() -> None:
@@ -322,7 +423,7 @@ def test_without_an_echo_only_chance_detects() -> None:
     made = plane_chunk(as_toml(scene), [Condition("mean", "night", 1e-6, 0.8e-3)], 2000, 3)
     law = fit_clusters(noise((0.8e-3,), 400)[0], 0.8e-3)
     # then four candidates fall within 10 m as often as their number over the window says
-    found = 1 - fast_pfd(cell_draws(made, 0, scene), law).value
+    found = 1 - fast_pfd(draws_of(made, 0, scene), law).value
     # a refined peak wanders from its lag by a part of a sample: 10 % of the place
     expected_count = 2000 * CHANCE
     assert abs(found - CHANCE) < CHANCE * (0.1 + SIGMAS / np.sqrt(expected_count))
@@ -340,9 +441,8 @@ def test_a_condition_has_the_same_draws_alone_and_beside_others() -> None:
 def test_weights_give_the_nearer_hit_only_where_both_are_kept() -> None:
     law = NoiseClusters(1.0, 7.4, 0.5, 0.0, 0.0, 0.0, 100)
     hit = np.array([[True, True], [True, False], [False, False]])
-    draws = CellDraws(
-        hit, np.where(hit, [[6.0, 5.0]], 0.0), np.array([[0, 1], [0, 0], [0, 0]]), np.zeros((3, 2))
-    )
+    score_v, ahead = np.where(hit, [[6.0, 5.0]], 0.0), np.array([[0, 1], [0, 0], [0, 0]])
+    draws = CellDraws(hit, score_v, ahead, np.zeros((3, 2)), np.ones(3), 3)
     kept, weights = draws.kept(law), draws.weights(law)
     assert weights.sum(axis=1) == pytest.approx(kept[:, 0])
     assert weights[0, 1] == kept[0, 1] > 0
@@ -371,7 +471,7 @@ def test_options_below_what_statistics_need_are_refused() -> None:
 
 
 def test_a_plan_has_every_cell_once_and_every_window_of_noise_once() -> None:
-    options = RangeOptions(draws=3, sets=2, noise_windows=700, shots=4)
+    options = RangeOptions(echoes=3, sets=2, noise_windows=700, shots=4)
     chunks = plan(options).chunks
     noise_chunks = [one for one in chunks if one.work.endswith(":noise_peaks")]
     assert sum(one.given["windows"] for one in noise_chunks) == 700
@@ -388,7 +488,20 @@ def test_the_command_predicts_the_table(
     range_chunks._ground.cache_clear()
     range_chunks._described.cache_clear()
     out = tmp_path / "range"
-    small = ["--draws", "12", "--sets", "1", "--noise-windows", "30", "--shots", "3", "--workers", "1"]
+    small = [
+        "--echoes",
+        "12",
+        "--repeats",
+        "2",
+        "--sets",
+        "1",
+        "--noise-windows",
+        "30",
+        "--shots",
+        "3",
+        "--workers",
+        "1",
+    ]
 
     assert main(["campaign", "range", "--out", str(out), *small]) == 0
 
@@ -420,4 +533,4 @@ def test_draws_about_dark_ground_are_refused() -> None:
     grey = Chain(chain.scene, Accuracy(1e-3), replace(chain.surface, albedo=0.5))
     at = places(strips(), described(strips(), 6.25), (5.0, 15.0), 1, Draws(1, 0))
     with pytest.raises(RefusedInput, match="reflectance of 1"):
-        local_draws(grey, at, 17e-9, RangeFinder.of(grey.scene.receiver_spec).bank.reach, Draws(1, 0))
+        local_draws(grey, at, 17e-9, Draws(1, 0))

@@ -13,10 +13,9 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 @click.command(
     "range", short_help="Range errors and false detections by altitude, reflectance, day and night."
 )
-@click.option(
-    "--draws", type=click.IntRange(min=1), metavar="N", help="About an echo, on each terrain in each set; 60."
-)
-@click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of draws at each altitude; 8.")
+@click.option("--echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain in each set; 60.")
+@click.option("--repeats", type=click.IntRange(min=1), metavar="N", help="Shots about each echo; 6.")
+@click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of echoes at each altitude; 6.")
 @click.option("--noise-windows", type=click.IntRange(min=20), metavar="N", help="With noise only; 2000.")
 @click.option(
     "--shots", type=click.IntRange(min=0), metavar="N", help="Whole shots on each terrain in each cell; 100."
@@ -25,7 +24,8 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 @click.option("--ground-seed", type=click.IntRange(min=0), metavar="N", help="Of the fractals; 100.")
 @campaign_options
 def command(
-    draws: int | None,
+    echoes: int | None,
+    repeats: int | None,
     sets: int | None,
     noise_windows: int | None,
     shots: int | None,
@@ -43,7 +43,8 @@ def command(
     By draws about the echo and the law of the largest noise peaks; beside it stand whole shots.
     """
     chosen = {
-        "draws": draws,
+        "echoes": echoes,
+        "repeats": repeats,
         "sets": sets,
         "noise_windows": noise_windows,
         "shots": shots,
