@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from msgspec import structs
-
 from belahil.campaign_run import CampaignPlan
-from belahil.chunks import Chunk
 from belahil.errors import RefusedInput
-from procedures.range_scenes import (
-    ALTITUDES_M,
-    DISTANCES_AU,
-    SLOPES_DEG,
-    base_scene,
-    conditions,
-)
+from procedures.range_ground import GroundKey
+from procedures.range_parts import PARTS, brute_chunks, levels_chunks, points
+from procedures.range_points import collected
+from procedures.range_scenes import base_scene
 from sim.scene import as_toml
 
 if TYPE_CHECKING:
@@ -24,9 +18,9 @@ if TYPE_CHECKING:
 
     from belahil.outcome import Outcome
 
-_WINDOWS_IN_CHUNK = 250
-_NOISE_SEED, _SHOT_SEED = 0x6E6F, 0x7368
+_NOISE_SEED, _SHOT_SEED = 0x6E6F0000, 0x73680000
 """Added to the seed of draws, so that noise windows and whole shots have numbers of their own."""
+_LEAST = {"echoes": 1, "repeats": 1, "sets": 1, "study_echoes": 1, "noise_windows": 20, "shots": 0, "seed": 0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,16 +29,20 @@ class RangeOptions:
 
     Parameters
     ----------
+    parts : tuple of str
+        Of `procedures.range_parts.PARTS`.
     echoes : int
-        On each of the eleven terrains, in each of `sets` sets.
+        Of the table: on each of the eleven terrains, in each of `sets` sets.
     repeats : int
         Shots drawn about each echo, with noise of their own.
     sets : int
-        Chunks of echoes for each altitude.
+        Chunks of echoes for each altitude of the table.
+    study_echoes : int
+        Of the other parts: on each terrain at each point.
     noise_windows : int
         Windows of noise for the law of its peaks.
     shots : int
-        Whole shots on each terrain in each cell, by brute force; 0: none.
+        Whole shots on each terrain in each cell of the table, by brute force; 0: none.
     seed : int
         Of all draws; the ground has one of its own.
     ground_seed : int
@@ -53,86 +51,53 @@ class RangeOptions:
     Raises
     ------
     RefusedInput
-        A number below what statistics need.
+        A number below what statistics need, or a part that is none.
     """
 
+    parts: tuple[str, ...] = PARTS
     echoes: int = 60
     repeats: int = 6
     sets: int = 6
+    study_echoes: int = 24
     noise_windows: int = 2000
     shots: int = 100
     seed: int = 1
     ground_seed: int = 100
 
     def __post_init__(self) -> None:
-        for name, least in (
-            ("echoes", 1),
-            ("repeats", 1),
-            ("sets", 1),
-            ("noise_windows", 20),
-            ("shots", 0),
-            ("seed", 0),
-            ("ground_seed", 0),
-        ):
+        for name, least in (*_LEAST.items(), ("ground_seed", 0)):
             if getattr(self, name) < least:
                 raise RefusedInput(
                     f"--{name.replace('_', '-')} {getattr(self, name)}: at least {least} is needed"
                 )
+        unknown = [one for one in self.parts if one not in PARTS]
+        if unknown or not self.parts:
+            raise RefusedInput(f"--parts {','.join(self.parts)}: allowed are {', '.join(PARTS)}")
+
+    @property
+    def ground(self) -> GroundKey:
+        """The eleven fractals, tilted for the headline table."""
+        return GroundKey(seed=self.ground_seed)
 
 
 def plan(options: RangeOptions) -> CampaignPlan:
-    """Plan the chunks of the headline table."""
-    scene = base_scene()
-    every = conditions(scene, distances=tuple(DISTANCES_AU))
-    levels_v = sorted({one.noise_rms_v for one in every})
-    ground = {"ground": "fractal", "ground_seed": options.ground_seed, "slopes_deg": list(SLOPES_DEG)}
-    chunks = []
-    for first in range(0, options.noise_windows, _WINDOWS_IN_CHUNK):
-        given: dict[str, Any] = {
-            "scene": as_toml(scene),
-            "noise_rms_v": levels_v,
-            "windows": min(_WINDOWS_IN_CHUNK, options.noise_windows - first),
-            "seed": options.seed + _NOISE_SEED,
-            "first": first,
-        }
-        chunks.append(Chunk(f"noise from window {first}", "procedures.range_chunks:noise_peaks", given))
-    for altitude_m in ALTITUDES_M:
-        text = as_toml(structs.replace(scene, altitude_m=altitude_m))
-        for number in range(options.sets):
-            given = {"scene": text, **ground, "conditions": [asdict(one) for one in every]}
-            given |= {
-                "count": options.echoes,
-                "repeats": options.repeats,
-                "seed": options.seed,
-                "number": number,
-            }
-            name = f"echoes from {altitude_m / 1e3:g} km, set {number}"
-            chunks.append(Chunk(name, "procedures.range_chunks:echo_draws", given))
-    if options.shots:
-        chunks += _brute_chunks(options, ground)
+    """Plan the chunks of all parts."""
+    every = tuple(points(options))
+    chunks = levels_chunks(every, options, options.seed + _NOISE_SEED)
+    for point in every:
+        chunks += point.chunks()
+    if options.shots and "table" in options.parts:
+        chunks += brute_chunks(options, options.seed + _SHOT_SEED)
     return CampaignPlan(
         tuple(chunks),
-        as_toml(scene),
+        as_toml(base_scene()),
         options.seed,
         {"laser": "bela", "detector": "bela", "receiver": "bela-grm"},
     )
 
 
-def _brute_chunks(options: RangeOptions, ground: dict[str, Any]) -> list[Chunk]:
-    scene, chunks = base_scene(), []
-    for altitude_m in ALTITUDES_M:
-        text = as_toml(structs.replace(scene, altitude_m=altitude_m))
-        for one in conditions(scene):
-            given = {"scene": text, **ground, "condition": asdict(one), "count": options.shots}
-            given |= {"seed": options.seed + _SHOT_SEED, "number": 0}
-            name = f"shots from {altitude_m / 1e3:g} km, {one.light}, reflectance {one.reflectance:g}"
-            chunks.append(Chunk(name, "procedures.range_chunks:whole_shots", given))
-    return chunks
-
-
 def analyse(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outcome:
     """Make the outcome of the chunks' results."""
     from procedures.range_outcome import outcome
-    from procedures.range_table import headline
 
-    return outcome(headline(plan, results))
+    return outcome(collected(plan, results))

@@ -8,7 +8,7 @@ alike, or, as an option, by the beam.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,6 +53,33 @@ class FootprintPlanes:
     plane_m: NDArray[np.float64]
     gradient: tuple[NDArray[np.float64], NDArray[np.float64]]
     roughness_m: NDArray[np.float64]
+
+    def tilted(
+        self, gradient: tuple[float, float], x_m: NDArray[np.float64], y_m: NDArray[np.float64]
+    ) -> FootprintPlanes:
+        """Return the same with a plane through the origin added to the heights.
+
+        Parameters
+        ----------
+        gradient : tuple of float
+            dz/dx and dz/dy of the plane.
+        x_m, y_m : ndarray of float64
+            Of the columns, and of the rows, of these footprints, m.
+
+        Notes
+        -----
+        Beam and disc are symmetric, so heights in the middle gain what the plane has there; the roughness
+        stays.
+        """
+        gx, gy = gradient
+        raised = gx * x_m + (gy * y_m)[:, None]
+        return replace(
+            self,
+            light_m=self.light_m + raised,
+            centre_m=self.centre_m + raised,
+            plane_m=self.plane_m + raised,
+            gradient=(self.gradient[0] + gx, self.gradient[1] + gy),
+        )
 
     @property
     def slope_deg(self) -> NDArray[np.float64]:

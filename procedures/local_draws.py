@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from belahil.errors import RefusedInput
-from belahil.pole_response import SampledNoise
+from procedures.noise_colour import unit_noise
 from sim.chain_noise import ShotNoise
 from sim.echo import GridEcho
 from sim.light_noise import shot_noise_density, white_step_rms_v
@@ -184,7 +184,6 @@ def _shot_volts(
 
 
 def _stationary(chain: Chain, count: int, size: int, stream: np.random.Generator) -> NDArray[np.float64]:
-    """Noise of unit rms behind the receiver's own filter, shape (count, size): one long stretch, cut."""
-    apart, receiver = size + _FORGOTTEN_SAMPLES, chain.receiver
-    noise = SampledNoise(receiver.poles, receiver.zeros, receiver.grid.interval_s)
-    return noise.draw(stream, count * apart).reshape(count, apart)[:, :size]
+    """Noise of unit rms, shape (count, size): one long stretch, cut."""
+    apart = size + _FORGOTTEN_SAMPLES
+    return unit_noise(chain.scene).draw(stream, count * apart).reshape(count, apart)[:, :size]

@@ -70,6 +70,30 @@ class NoiseClusters:
         return np.where(most >= 0, found, 0.0)
 
 
+@dataclass(frozen=True, slots=True)
+class LevelLaws:
+    """Laws at several levels of the same noise, and between them.
+
+    Rounding to counts is white, so it changes the law where the noise is low: a and b are linear in the
+    square of 1 / level, nearly.
+
+    Parameters
+    ----------
+    laws : tuple of NoiseClusters
+        At least one, each in units of its level.
+    """
+
+    laws: tuple[NoiseClusters, ...]
+
+    def at(self, level_v: float) -> NoiseClusters:
+        """Return the law at a level, V; beyond the levels, that of the nearest."""
+        ordered = sorted(self.laws, key=lambda one: one.unit_v)
+        places = np.array([one.unit_v**-2 for one in ordered])[::-1]
+        values = np.array([[one.a, one.b, one.a_u, one.b_u, one.correlation] for one in ordered])[::-1]
+        a, b, a_u, b_u, correlation = (float(np.interp(level_v**-2, places, row)) for row in values.T)
+        return NoiseClusters(level_v, a, b, a_u, b_u, correlation, ordered[0].windows)
+
+
 def fit_clusters(scores_v: NDArray[np.float64], unit_v: float) -> NoiseClusters:
     """Fit the law to the largest peaks of windows with noise only, by maximum likelihood.
 

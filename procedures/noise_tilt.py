@@ -14,14 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belahil.pole_response import autocovariance
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from procedures.local_draws import LocalDraws
     from sim.draws import Draws
-    from sim.receiver_model import ReceiverModel
     from sim.rfm import RangeFinder
 
 UNTILTED = 0.3
@@ -43,7 +40,7 @@ def fitting_tilt(faintest: float) -> float:
 
 
 def tilted_noise(
-    drawn: LocalDraws, receiver: ReceiverModel, finder: RangeFinder, tilt: float, draws: Draws
+    drawn: LocalDraws, row: NDArray[np.float64], finder: RangeFinder, tilt: float, draws: Draws
 ) -> LocalDraws:
     """Return the same draws with their stationary noise tilted, and weights.
 
@@ -51,8 +48,8 @@ def tilted_noise(
     ----------
     drawn : LocalDraws
         Without a tilt.
-    receiver : ReceiverModel
-        Colours the noise.
+    row : ndarray of float64, shape (m,)
+        Autocorrelation of the noise by lag in samples, as long as a piece.
     finder : RangeFinder
         Its templates.
     tilt : float
@@ -63,8 +60,7 @@ def tilted_noise(
     if not tilt:
         return drawn
     count, size = drawn.unit.shape
-    row = autocovariance(receiver.poles, receiver.grid.interval_s * np.arange(size), receiver.zeros)
-    covariance = (row / row[0])[np.abs(np.subtract.outer(np.arange(size), np.arange(size)))]
+    covariance = row[np.abs(np.subtract.outer(np.arange(size), np.arange(size)))]
     towards = _towards(finder, drawn.middle, covariance)
     stream = draws.stream("tilt")
     moved = stream.random(count) >= UNTILTED

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from msgspec import structs
 
-from belahil import butterworth
 from belahil.delay_curve import DelayCurve
-from belahil.pole_response import SampledNoise, autocovariance
 from procedures.arrival_gradient import linear_errors
 from procedures.echo_hits import HALF_LIGHT, corrected_m, echo_hits
 from procedures.local_draws import NEAR_SAMPLES, LocalDraws, local_draws
+from procedures.noise_colour import autocorrelation, interval_s, own_poles, unit_noise, window_noise
 from procedures.noise_tilt import fitting_tilt, tilted_noise
-from procedures.range_ground import Places, Strips, described, fractal_strips, places, plane_strip
+from procedures.range_ground import Places, Strips, footprints
+from procedures.range_points import fit_name
 from procedures.range_scenes import Condition, cell_scene
 from procedures.window_peaks import piece_peaks, window_peaks
 from sim.accuracy import Accuracy
@@ -28,36 +28,22 @@ from sim.chain import Chain
 from sim.detector import tia_poles
 from sim.draws import Draws
 from sim.filter_delay import filter_delay_curve
-from sim.keyed import KeyedDraws
 from sim.laser import beam_sigma_m
-from sim.receiver_model import ReceiverModel
 from sim.rfm import RangeFinder
 from sim.scene import Scene, parse_scene
 from sim.shot_rows import ShotRows
 from sim.terrain import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
-
-    from procedures.footprint_planes import FootprintPlanes
 
 TOLERANCE = 1e-3
 """Of the echoes, relative to their peak: far below what noise and ground scatter."""
 MIDDLE_WIDTH_S = 50e-9
-FIT_WIDTH = "fit_s"
-"""Width without noise, by which name it leaves `echo_draws`: the other is that of a hit."""
 NOISE_PEAKS = 8
 """Largest of each window of noise that are kept."""
-
-_KEEP = 2
-"""Sets of ground in memory, some 15 MB each, and of what lies under the beam on them, some 30 MB."""
-
-
-@lru_cache(maxsize=_KEEP)
-def _ground(kind: str, seed: int, slope_deg: float) -> Strips:
-    return plane_strip(slope_deg) if kind == "plane" else fractal_strips(seed, slope_deg)
 
 
 @lru_cache(maxsize=8)
@@ -67,31 +53,23 @@ def _curve(poles: tuple[complex, ...], zeros: int, interval_s: float) -> DelayCu
 
 def correction(scene: Scene) -> DelayCurve:
     """Return the correction of arrivals behind a scene's filter: our own curve, of Gaussian pulses."""
-    truth = scene.truth
     if scene.filter == "gaussian":
         # It lies about 0 and delays nothing.
         return DelayCurve((0.0,))
-    own = butterworth.poles(truth.cutoff_hz, truth.order, truth.highpass_hz)
-    interval_s = scene.receiver_spec.digitizer.sample_interval_s / (1 + 1e-6 * truth.clock_ppm)
-    return _curve((*tia_poles(scene.detector), *own), int(truth.highpass_hz > 0), interval_s)
+    own, zeros = own_poles(scene)
+    return _curve((*tia_poles(scene.detector), *own), zeros, interval_s(scene))
 
 
-@lru_cache(maxsize=_KEEP)
-def _described(kind: str, seed: int, slope_deg: float, sigma_m: float) -> tuple[FootprintPlanes, ...]:
-    return described(_ground(kind, seed, slope_deg), sigma_m)
-
-
-def _places(
-    scene: Scene, ground: tuple[str, int, float], slopes_deg: Sequence[float], count: int, draws: Draws
-) -> Places:
-    planes = _described(*ground, beam_sigma_m(scene.laser, scene.altitude_m)[0])
-    return places(_ground(*ground), planes, (slopes_deg[0], slopes_deg[1]), count, draws)
+def _footprints(
+    scene: Scene, ground: Mapping[str, Any], slopes_deg: Sequence[float], count: int, draws: Draws
+) -> tuple[Strips, Places]:
+    sigma_m = beam_sigma_m(scene.laser, scene.altitude_m)[0]
+    return footprints(ground, sigma_m, (slopes_deg[0], slopes_deg[1]), count, draws)
 
 
 def echo_draws(
     scene: str,
-    ground: str,
-    ground_seed: int,
+    ground: Mapping[str, Any],
     slopes_deg: Sequence[float],
     conditions: Sequence[dict[str, Any]],
     count: int,
@@ -105,12 +83,10 @@ def echo_draws(
     ----------
     scene : str
         TOML; its reflectance and sun do not matter.
-    ground : {"fractal", "plane"}
-        Kind of ground.
-    ground_seed : int
-        Of the fractals.
+    ground : mapping
+        Fields of `procedures.range_ground.GroundKey`.
     slopes_deg : sequence of float
-        Least and largest slope of the planes; their mean is the tilt that is added.
+        Least and largest slope of the planes under the footprints.
     conditions : sequence of dict
         Fields of `procedures.range_scenes.Condition`.
     count : int
@@ -129,22 +105,20 @@ def echo_draws(
         range with the other definitions.
     """
     read = parse_scene(scene)
-    key = (ground, ground_seed, sum(slopes_deg) / 2)
-    land = _ground(*key)
+    draws, curve = Draws(seed, number), correction(read)
+    land, at = _footprints(read, ground, slopes_deg, count, draws)
     chain = Chain(read, Accuracy(TOLERANCE), land.surface)
-    finder, curve, draws = chain.range_finder, correction(read), Draws(seed, number)
-    at = _places(read, key, slopes_deg, count, draws)
+    finder = chain.range_finder
     drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws, repeats)
-    drawn = tilted_noise(drawn, chain.receiver, finder, _tilt(drawn, finder, conditions), draws)
-    lags = chain.receiver.grid.interval_s * np.arange(finder.correlation_window_samples)
-    unit = autocovariance(chain.receiver.poles, lags, chain.receiver.zeros)
-    linear = linear_errors(drawn, finder, curve, unit / unit[0])
+    row = autocorrelation(read, drawn.unit.shape[1])
+    drawn = tilted_noise(drawn, row, finder, _tilt(drawn, finder, conditions), draws)
+    linear = linear_errors(drawn, finder, curve, row)
     step_v = chain.receiver.quantizer.volts_per_count
     rows = [
         echo_hits(drawn, one["reflectance"], one["noise_rms_v"], step_v, finder, curve) for one in conditions
     ]
     made = {name: np.stack([getattr(row, name) for row in rows]) for name in rows[0].__slots__}
-    told = {FIT_WIDTH if name == "width_s" else name: array for name, array in asdict(linear).items()}
+    told = {fit_name(name): array for name, array in asdict(linear).items()}
     other = {
         "weight": drawn.weight,
         "slope_deg": at.slope_deg,
@@ -182,13 +156,11 @@ def noise_peaks(
         ``score_v`` of shape (levels, windows, 8).
     """
     read = parse_scene(scene)
-    finder = RangeFinder.of(read.receiver_spec)
-    receiver = ReceiverModel(read.truth, read.receiver_spec.digitizer)
-    unit = SampledNoise(receiver.poles, receiver.zeros, receiver.grid.interval_s)
-    size, step_v = receiver.spec.max_sample_count, receiver.quantizer.volts_per_count
+    finder, unit, spec = RangeFinder.of(read.receiver_spec), unit_noise(read), read.receiver_spec.digitizer
+    step_v = read.truth.adc_full_scale_v / 2**read.truth.adc_bits
     found = np.empty((len(noise_rms_v), windows, NOISE_PEAKS))
     for number in range(windows):
-        drawn = KeyedDraws(seed, first + number).coloured("noise", unit, size).astype(np.float64)
+        drawn = window_noise(unit, seed, first + number, spec.max_sample_count)
         for level, rms_v in enumerate(noise_rms_v):
             volts = np.rint(rms_v / step_v * drawn) * step_v
             found[level, number] = window_peaks(finder, volts, NOISE_PEAKS)
@@ -197,8 +169,7 @@ def noise_peaks(
 
 def whole_shots(
     scene: str,
-    ground: str,
-    ground_seed: int,
+    ground: Mapping[str, Any],
     slopes_deg: Sequence[float],
     condition: dict[str, Any],
     count: int,
@@ -209,7 +180,7 @@ def whole_shots(
 
     Parameters
     ----------
-    scene, ground, ground_seed, slopes_deg, count, seed, number
+    scene, ground, slopes_deg, count, seed, number
         As in `echo_draws`.
     condition : dict
         Fields of `procedures.range_scenes.Condition`.
@@ -220,11 +191,9 @@ def whole_shots(
         ``error_m``: corrected one-way error of the candidate nearest to the truth, shape (n,).
     """
     read = cell_scene(parse_scene(scene), Condition(**condition))
-    key = (ground, ground_seed, sum(slopes_deg) / 2)
-    land = _ground(*key)
+    land, at = _footprints(read, ground, slopes_deg, count, Draws(seed, number))
     own = Surface(land.surface.kind, relief=land.surface.relief, albedo=read.surface.reflectance)
     chain = Chain(structs.replace(read, seed=seed), Accuracy(TOLERANCE), own)
-    at = _places(read, key, slopes_deg, count, Draws(seed, number))
     shots = number * at.true_s.size + np.arange(at.true_s.size)
     found = ShotRows(chain).candidates(shots, at.centre_m)
     true_s = (at.true_s + chain.kernel.pulse.mean_s)[:, None]

@@ -1,4 +1,4 @@
-"""The ground of the range campaign: eleven fractals side by side, tilted, and places of a slope on them.
+"""The ground of the range campaign: terrains side by side, tilted, and places of a slope on them.
 
 The fractals have a Hurst exponent of 0.8 (paper, "Analog DTMs"); their heights are not printed and assumed,
 as `procedures.arrival_ground` tells. Each is tilted so that the slope that is asked for occurs, towards
@@ -8,6 +8,7 @@ another side than its neighbour; footprints are places whose plane has that slop
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,14 +16,18 @@ import numpy as np
 from belahil.errors import RefusedInput
 from procedures.arrival_ground import EXTENT_M
 from procedures.footprint_planes import FootprintPlanes, footprint_planes
-from procedures.study_ground import LEVELS, fractal
+from procedures.study_ground import LEVELS, fractal, terrain_file
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
-from sim.draws import Draws
 from sim.terrain import Surface, gradient_of
 from sim.terrain_grid import Grid
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
     from numpy.typing import NDArray
+
+    from sim.draws import Draws
 
 SPACING_M = 1.5
 TURN_DEG = 36.0
@@ -32,20 +37,26 @@ _MARGIN = 4.9
 """Standard deviations of the beam that no footprint lies nearer to an edge: room for the jitter."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Strips:
-    """Terrains side by side in one grid; nadir is in the middle one.
+@dataclass(frozen=True, slots=True)
+class GroundKey:
+    """Which ground.
 
     Parameters
     ----------
-    surface : Surface
-        All of them, with a reflectance of 1.
-    strips : tuple of Grid
-        Each by itself, at its place.
+    kind : str
+        "fractal", "plane", or the path of a terrain model.
+    seed : int
+        Of the smoothest fractal; the others have the next ones.
+    tilt_deg : float
+        Slope of the plane that is added to each terrain.
+    factor : float
+        By which heights are multiplied before.
     """
 
-    surface: Surface
-    strips: tuple[Grid, ...]
+    kind: str = "fractal"
+    seed: int = 100
+    tilt_deg: float = 10.0
+    factor: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,56 +86,105 @@ class Places:
     roughness_m: NDArray[np.float64]
 
 
-def fractal_strips(seed: int, slope_deg: float, extent_m: float = EXTENT_M) -> Strips:
-    """Make the eleven fractals, each with a tilt.
+class Strips:
+    """Square terrains of one spacing in a row along x, each tilted about its own middle.
 
     Parameters
     ----------
-    seed : int
-        Of the smoothest; the others have the next ones.
-    slope_deg : float
-        Of the tilt.
-    extent_m : float
-        Side of each, m.
+    flats : tuple of Grid
+        Before the tilt, in their own coordinates, of one shape.
+    tilt_deg : float
+        Slope of the planes, the first towards +x.
+
+    Attributes
+    ----------
+    surface : Surface
+        All of them, with a reflectance of 1; nadir is in the middle one.
     """
-    flats = [fractal(level, seed, extent_m).relief for level in range(LEVELS)]
-    return side_by_side([one.values for one in flats if isinstance(one, Grid)], slope_deg)
+
+    def __init__(self, flats: tuple[Grid, ...], tilt_deg: float) -> None:
+        side, step = flats[0].values.shape[0], flats[0].spacing_m
+        self.spacing_m, self.flats = step, flats
+        self.away_m = step * (np.arange(side) - (side - 1) / 2)
+        self.middles_m = side * step * (np.arange(len(flats)) - len(flats) // 2)
+        self.gradients = tuple(gradient_of(tilt_deg, TURN_DEG * number) for number in range(len(flats)))
+        tilted = [
+            one.values + gx * self.away_m + (gy * self.away_m)[:, None]
+            for one, (gx, gy) in zip(flats, self.gradients, strict=True)
+        ]
+        corner_m = float(self.away_m[0])
+        relief = Grid(np.concatenate(tilted, axis=1), step, float(self.middles_m[0]) + corner_m, corner_m)
+        self.surface = Surface("fractal", relief=relief, albedo=1.0)
+
+    def planes(self, flat: tuple[FootprintPlanes, ...]) -> tuple[FootprintPlanes, ...]:
+        """Tilt what `described` says of the flat terrains."""
+        found = []
+        for one, gradient in zip(flat, self.gradients, strict=True):
+            inner = self.away_m[one.margin : self.away_m.size - one.margin]
+            found.append(one.tilted(gradient, inner, inner))
+        return tuple(found)
 
 
-def plane_strip(slope_deg: float, extent_m: float = EXTENT_M) -> Strips:
-    """Make a plane on posts, with the tilt of the strip in the middle of eleven."""
-    posts = round(extent_m / SPACING_M) + 1
-    return side_by_side([np.zeros((posts, posts))], slope_deg)
+def described(flats: tuple[Grid, ...], sigma_m: float) -> tuple[FootprintPlanes, ...]:
+    """Return what lies under a round beam of `sigma_m` at the posts of each; as `footprint_planes`."""
+    return tuple(footprint_planes(relief, sigma_m, _MARGIN * sigma_m) for relief in flats)
 
 
-def side_by_side(heights_m: list[NDArray[np.float64]], slope_deg: float) -> Strips:
-    """Tilt square terrains about their middles and put them in a row, along x.
+@lru_cache(maxsize=3)
+def flat_terrains(kind: str, seed: int, factor: float) -> tuple[Grid, ...]:
+    """Return the terrains of a ground before their tilt, each about its mean height.
+
+    Raises
+    ------
+    RefusedInput
+        A terrain model that cannot be read; see `procedures.study_ground`.
+    """
+    if kind == "plane":
+        posts = round(EXTENT_M / SPACING_M) + 1
+        return (Grid(np.zeros((posts, posts)), SPACING_M, 0.0, 0.0),)
+    if kind == "fractal":
+        surfaces = [fractal(level, seed) for level in range(LEVELS)]
+    else:
+        surfaces = [terrain_file(kind)]
+    found = []
+    for surface in surfaces:
+        relief = surface.relief
+        assert isinstance(relief, Grid)
+        side = min(relief.values.shape)
+        values = relief.values[:side, :side]
+        known = None if relief.known is None else relief.known[:side, :side]
+        heights = factor * (values - values.mean(where=True if known is None else known))
+        found.append(Grid(heights, relief.spacing_m, 0.0, 0.0, known))
+    return tuple(found)
+
+
+@lru_cache(maxsize=2)
+def strips(ground: GroundKey) -> Strips:
+    """Return a ground: 15 MB."""
+    return Strips(flat_terrains(ground.kind, ground.seed, ground.factor), ground.tilt_deg)
+
+
+@lru_cache(maxsize=2)
+def _flat_planes(kind: str, seed: int, factor: float, sigma_m: float) -> tuple[FootprintPlanes, ...]:
+    return described(flat_terrains(kind, seed, factor), sigma_m)
+
+
+def footprints(
+    given: Mapping[str, Any], sigma_m: float, slopes_deg: tuple[float, float], count: int, draws: Draws
+) -> tuple[Strips, Places]:
+    """Return a ground and places on it.
 
     Parameters
     ----------
-    heights_m : list of ndarray of float64, shape (n, n)
-        At posts `SPACING_M` apart.
-    slope_deg : float
-        Of the tilt that is added to each.
+    given : mapping
+        Fields of `GroundKey`.
+    sigma_m, slopes_deg, count, draws
+        As in `places`.
     """
-    side = heights_m[0].shape[0]
-    away = SPACING_M * (np.arange(side) - (side - 1) / 2)
-    step_m = side * SPACING_M
-    middles = step_m * (np.arange(len(heights_m)) - len(heights_m) // 2)
-    strips = []
-    for number, (values, middle) in enumerate(zip(heights_m, middles.tolist(), strict=True)):
-        gx, gy = gradient_of(slope_deg, TURN_DEG * number)
-        level = values - values.mean()
-        strips.append(Grid(level + gx * away + (gy * away)[:, None], SPACING_M, middle + away[0], away[0]))
-    whole = Grid(
-        np.concatenate([one.values for one in strips], axis=1), SPACING_M, strips[0].x_min_m, away[0]
-    )
-    return Strips(Surface("fractal", relief=whole, albedo=1.0), tuple(strips))
-
-
-def described(ground: Strips, sigma_m: float) -> tuple[FootprintPlanes, ...]:
-    """Return what lies under a round beam of `sigma_m` at the posts of each strip; as `footprint_planes`."""
-    return tuple(footprint_planes(relief, sigma_m, _MARGIN * sigma_m) for relief in ground.strips)
+    key = GroundKey(**given)
+    ground = strips(key)
+    planes = ground.planes(_flat_planes(key.kind, key.seed, key.factor, sigma_m))
+    return ground, places(ground, planes, slopes_deg, count, draws)
 
 
 def places(
@@ -134,7 +194,7 @@ def places(
     count: int,
     draws: Draws,
 ) -> Places:
-    """Draw places at which the plane has a slope, as many on each strip.
+    """Draw places at which the plane has a slope, as many on each terrain.
 
     Parameters
     ----------
@@ -143,37 +203,39 @@ def places(
     slopes_deg : tuple of float
         Least and largest slope.
     count : int
-        On each strip; where fewer posts serve, some are taken more than once.
+        On each terrain; where fewer posts serve, some are taken more than once.
     draws : Draws
         "places".
 
     Raises
     ------
     RefusedInput
-        A strip on which the slope does not occur.
+        The slope occurs on none; a terrain on which it does not occur is left out.
     """
     stream = draws.stream("places")
-    found = []
-    for number, (relief, under) in enumerate(zip(ground.strips, planes, strict=True)):
+    found, met = [], []
+    for number, under in enumerate(planes):
         slope = under.slope_deg
+        met += [slope.min(), slope.max()]
         serving = np.flatnonzero((slope >= slopes_deg[0]) & (slope <= slopes_deg[1]))
-        if not serving.size:
-            raise RefusedInput(
-                f"slopes of {slopes_deg[0]:g} to {slopes_deg[1]:g} deg on terrain {number}: its footprints "
-                f"have {slope.min():.3g} to {slope.max():.3g} deg"
-            )
-        chosen = stream.choice(serving, count, replace=serving.size < count)
-        found.append(_places(relief, under, chosen, number))
+        if serving.size:
+            chosen = stream.choice(serving, count, replace=serving.size < count)
+            found.append(_places(ground, under, chosen, number))
+    if not found:
+        raise RefusedInput(
+            f"slopes of {slopes_deg[0]:g} to {slopes_deg[1]:g} deg: the footprints on this ground have "
+            f"{min(met):.3g} to {max(met):.3g} deg"
+        )
     columns = zip(*found, strict=True)
     return Places(*(np.concatenate(column) for column in columns))
 
 
 def _places(
-    relief: Grid, planes: FootprintPlanes, chosen: NDArray[np.int64], number: int
+    ground: Strips, planes: FootprintPlanes, chosen: NDArray[np.int64], number: int
 ) -> tuple[NDArray[np.float64], ...]:
     row, column = np.unravel_index(chosen, planes.light_m.shape)
-    x_m = relief.x_min_m + relief.spacing_m * (column + planes.margin)
-    y_m = relief.y_min_m + relief.spacing_m * (row + planes.margin)
+    x_m = ground.middles_m[number] + ground.away_m[column + planes.margin]
+    y_m = ground.away_m[row + planes.margin]
     heights = (planes.light_m, planes.centre_m, planes.plane_m)
     return (
         np.stack([x_m, y_m], axis=1),

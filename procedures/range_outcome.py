@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from belahil.outcome import Outcome, Table
 from procedures.arrival_ground import ROUGHNESS_M
+from procedures.range_histograms import histograms
+from procedures.range_parts import HISTOGRAM_ALTITUDES_M
+from procedures.range_scenes import MEAN_REFLECTANCE
 from procedures.range_statistics import CHANCE
+from procedures.range_table import cells, headline
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from belahil.outcome import Column
     from belahil.values import Estimate
-    from procedures.range_table import Cell, Headline
+    from procedures.noise_clusters import LevelLaws
+    from procedures.range_points import Collected
+    from procedures.range_table import Cell, TableCell
+
+    Part = tuple[dict[str, Any], dict[str, Table], dict[str, Callable[[], Figure]]]
+    """Results, tables and figures."""
 
 NOTES = (
     "True range: c/2 times the beam-weighted mean of the two-way time 2 (H - z) / c at nominal pointing. "
@@ -40,69 +51,124 @@ NOTES = (
 )
 
 
-def outcome(headline: Headline) -> Outcome:
-    """Make the outcome of the headline table."""
-    return Outcome(
-        results={
-            "dark_noise_rms_v": {
-                distance: _night_v(headline, distance)
-                for distance in dict.fromkeys(one.condition.distance for one in headline.cells)
-            },
-            "chance_detection": CHANCE,
-            "table": [_row(one) for one in headline.cells],
-            "definitions": [
-                {
-                    "altitude_m": altitude_m,
-                    "by_centre_m": {"mean": of_centre[0], "std": of_centre[1]},
-                    "by_plane_m": {
-                        "mean": headline.by_plane[altitude_m][0],
-                        "std": headline.by_plane[altitude_m][1],
-                    },
-                }
-                for altitude_m, of_centre in headline.by_centre.items()
-            ],
-            "noise_clusters": [
-                {
-                    "noise_rms_v": level_v,
-                    "a": {"value": law.a, "standard_uncertainty": law.a_u, "unit": "1"},
-                    "b": {"value": law.b, "standard_uncertainty": law.b_u, "unit": "1"},
-                    "windows": law.windows,
-                }
-                for level_v, law in headline.laws.items()
-            ],
+def outcome(found: Collected) -> Outcome:
+    """Make the outcome of all parts that were computed."""
+    laws = found.laws()
+    results: dict[str, Any] = {"chance_detection": CHANCE}
+    tables: dict[str, Table] = {}
+    figures: dict[str, Callable[[], Figure]] = {}
+    made = {"table": _headline, "altitude": _altitude, "map": _map}
+    for part, make in made.items():
+        if found.of(part):
+            told, more, drawn = make(found, laws)
+            results[part] = told
+            tables |= more
+            figures |= drawn
+    return Outcome(results=results, tables=tables, figures=figures, notes=NOTES)
+
+
+def _headline(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
+    from procedures.range_figures import table_figure
+
+    made = headline(found, laws)
+    told = {
+        "dark_noise_rms_v": {
+            one.cell.condition.distance: one.cell.condition.noise_rms_v
+            for one in made.cells
+            if one.cell.condition.light == "night"
         },
-        tables={"cell": _table(headline.cells)},
-        figures={"range-table": lambda: _figure(headline)},
-        notes=NOTES,
+        "cells": [_table_row(one) for one in made.cells],
+        "definitions": [
+            {
+                "altitude_m": altitude_m,
+                "by_centre_m": dict(zip(("mean", "std"), of_centre, strict=True)),
+                "by_plane_m": dict(zip(("mean", "std"), made.by_plane[altitude_m], strict=True)),
+            }
+            for altitude_m, of_centre in made.by_centre.items()
+        ],
+        "noise_clusters": [
+            {
+                "noise_rms_v": law.unit_v,
+                "a": {"value": law.a, "standard_uncertainty": law.a_u, "unit": "1"},
+                "b": {"value": law.b, "standard_uncertainty": law.b_u, "unit": "1"},
+                "windows": law.windows,
+            }
+            for law in made.laws
+        ],
+    }
+    return told, {"cell": _table(made.cells)}, {"range-table": lambda: table_figure(made)}
+
+
+def _altitude(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
+    from procedures.range_figures import histogram_figure
+    from procedures.range_study_figures import altitude_figure
+
+    every = [cells(one, laws) for one in found.of("altitude")]
+    shapes = [
+        one
+        for drawn in found.of("altitude")
+        if drawn.scene.altitude_m in HISTOGRAM_ALTITUDES_M
+        for one in histograms(drawn, laws, MEAN_REFLECTANCE)
+    ]
+    rows = [one for point in every for one in point]
+    told = {
+        "cells": [row_of(one) for one in rows],
+        "histograms": [
+            {
+                "altitude_m": one.altitude_m,
+                "source": one.source,
+                "errors": int(one.errors_m.size),
+                "rms_m": one.rms_m,
+                "normality_p": one.p_value,
+                "skewness": one.skewness,
+                "excess_kurtosis": one.excess_kurtosis,
+            }
+            for one in shapes
+        ],
+    }
+    tables = {"altitude_cell": cells_table(rows, "altitude_cell", "at_altitude_")}
+    return (
+        told,
+        tables,
+        {
+            "range-histograms": lambda: histogram_figure(shapes),
+            "range-altitude": lambda: altitude_figure(rows),
+        },
     )
 
 
-def _night_v(headline: Headline, distance: str) -> float | None:
-    found = [
-        one.condition.noise_rms_v
-        for one in headline.cells
-        if (one.condition.distance, one.condition.light) == (distance, "night")
-    ]
-    return found[0] if found else None
+def _map(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
+    from procedures.range_study_figures import map_figure
+
+    slopes, rows = [], []
+    for drawn in found.of("map"):
+        for one in cells(drawn, laws):
+            slopes.append(float(np.mean(drawn.arrays["slope_deg"])))
+            rows.append(one)
+    table = cells_table(rows, "map_cell", "map_")
+    columns = {**table.columns, "map_slope": (np.radians(slopes), "rad", "mean slope of the footprints")}
+    told = {"cells": [{"slope_deg": slope, **row_of(one)} for slope, one in zip(slopes, rows, strict=True)]}
+    labels = [float(drawn.label.partition(" ")[0]) for drawn in found.of("map") for _ in drawn.conditions]
+    return told, {"map_cell": Table(columns, "map_cell")}, {"range-map": lambda: map_figure(labels, rows)}
 
 
 def _json(one: Estimate | None) -> dict[str, float | str] | None:
     return None if one is None else one.as_json()
 
 
-def _row(one: Cell) -> dict[str, Any]:
-    linear, brute = one.linear, one.brute
+def row_of(one: Cell) -> dict[str, Any]:
+    """Return a cell as the results show it."""
+    linear = one.linear
     return {
         "altitude_m": one.altitude_m,
         "sun": one.condition.distance,
         "light": one.condition.light,
         "reflectance": one.condition.reflectance,
         "noise_rms_v": one.condition.noise_rms_v,
-        "pfd": _json(one.pfd),
-        "pfd_conditional": _json(one.conditional),
+        "pfd": one.pfd.as_json(),
         "error": _json(one.spread),
         "by_source": {"shape": _json(one.shape), "pointing": _json(one.jitter), "noise": _json(one.noise)},
-        "bias": _json(one.bias),
+        "bias": one.bias.as_json(),
         "mean_error": _json(one.mean_error),
         "linear": {
             "total_m": linear.total_m,
@@ -112,64 +178,83 @@ def _row(one: Cell) -> dict[str, Any]:
             "snr": linear.snr,
             "valid": linear.valid,
         },
-        "brute": None
-        if brute is None
-        else {"shots": brute.shots, "pfd": _json(brute.pfd), "error": _json(brute.spread)},
     }
 
 
-def _table(cells: tuple[Cell, ...]) -> Table:
-    def masked(ones: list[Estimate | None], part: str) -> np.ma.MaskedArray[Any, Any]:
-        values = [0.0 if one is None else getattr(one, part) for one in ones]
-        return np.ma.masked_array(values, [one is None for one in ones])
+def _table_row(one: TableCell) -> dict[str, Any]:
+    brute = one.brute
+    told = None
+    if brute is not None:
+        told = {"shots": brute.shots, "pfd": brute.pfd.as_json(), "error": _json(brute.spread)}
+    return row_of(one.cell) | {"pfd_conditional": one.conditional.as_json(), "brute": told}
 
-    columns: dict[str, Any] = {
-        "cell": (np.arange(len(cells)), "1", "number of the cell"),
-        "altitude": (np.array([one.altitude_m for one in cells]), "m", "altitude"),
-        "reflectance": (
+
+def _table(rows: tuple[TableCell, ...]) -> Table:
+    plain = cells_table([one.cell for one in rows], "cell", "")
+    columns = dict(plain.columns)
+    brutes = [one.brute for one in rows]
+    more: dict[str, tuple[list[Estimate | None], str, str]] = {
+        "pfd_conditional": ([one.conditional for one in rows], "1", "pfd by the very windows of noise"),
+        "pfd_brute": ([None if one is None else one.pfd for one in brutes], "1", "pfd by whole shots"),
+        "range_error_brute": (
+            [None if one is None else one.spread for one in brutes],
+            "m",
+            "rms error by whole shots",
+        ),
+    }
+    for name, (ones, unit, told) in more.items():
+        columns |= _columns(name, ones, unit, told)
+    return Table(columns, "cell")
+
+
+def _columns(name: str, ones: list[Estimate | None], unit: str, told: str) -> dict[str, Column]:
+    missing = [one is None for one in ones]
+    values, uncertainties = (
+        np.ma.masked_array([0.0 if one is None else getattr(one, part) for one in ones], missing)
+        for part in ("value", "standard_uncertainty")
+    )
+    return {name: (values, unit, told), f"{name}_u": (uncertainties, unit, "its standard uncertainty")}
+
+
+def cells_table(cells: Sequence[Cell], dimension: str, prefix: str) -> Table:
+    """Return cells as a table of the data file, each name with a prefix."""
+    columns: dict[str, Column] = {
+        dimension: (np.arange(len(cells)), "1", "number of the cell"),
+        f"{prefix}altitude": (np.array([one.altitude_m for one in cells]), "m", "altitude"),
+        f"{prefix}reflectance": (
             np.array([one.condition.reflectance for one in cells]),
             "1",
             "normal albedo at 1064 nm",
         ),
-        "day": (np.array([int(one.condition.light == "day") for one in cells]), "1", "1 at noon, 0 at night"),
-        "perihelion": (
+        f"{prefix}day": (
+            np.array([int(one.condition.light == "day") for one in cells]),
+            "1",
+            "1 at noon, 0 at night",
+        ),
+        f"{prefix}perihelion": (
             np.array([int(one.condition.distance == "perihelion") for one in cells]),
             "1",
             "1 with the Sun at perihelion, 0 at mean distance",
         ),
-        "noise_rms": (
+        f"{prefix}noise_rms": (
             np.array([one.condition.noise_rms_v for one in cells]),
             "V",
             "stationary noise at the converter",
         ),
+        f"{prefix}range_error_linear": (
+            np.array([one.linear.total_m for one in cells]),
+            "m",
+            "rms error by linear propagation",
+        ),
     }
     estimates: dict[str, tuple[list[Estimate | None], str, str]] = {
         "pfd": ([one.pfd for one in cells], "1", "probability of false detection"),
-        "pfd_conditional": ([one.conditional for one in cells], "1", "the same by the very windows of noise"),
         "range_error": ([one.spread for one in cells], "m", "rms error of detections, bias taken off"),
         "range_error_shape": ([one.shape for one in cells], "m", "part of the shape of pulse and ground"),
         "range_error_pointing": ([one.jitter for one in cells], "m", "part of the wandering beam"),
         "range_error_noise": ([one.noise for one in cells], "m", "part of all noise"),
         "range_bias": ([one.bias for one in cells], "m", "calibrated bias"),
-        "pfd_brute": ([None if one.brute is None else one.brute.pfd for one in cells], "1", "by whole shots"),
-        "range_error_brute": (
-            [None if one.brute is None else one.brute.spread for one in cells],
-            "m",
-            "by whole shots",
-        ),
     }
     for name, (ones, unit, told) in estimates.items():
-        columns[name] = (masked(ones, "value"), unit, told)
-        columns[f"{name}_u"] = (masked(ones, "standard_uncertainty"), unit, "its standard uncertainty")
-    columns["range_error_linear"] = (
-        np.array([one.linear.total_m for one in cells]),
-        "m",
-        "rms error by linear propagation",
-    )
-    return Table(columns, "cell")
-
-
-def _figure(headline: Headline) -> Figure:
-    from procedures.range_figures import table_figure
-
-    return table_figure(headline)
+        columns |= _columns(f"{prefix}{name}", ones, unit, told)
+    return Table(columns, dimension)

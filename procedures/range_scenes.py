@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from msgspec import structs
 
-from belahil import butterworth
+from procedures.noise_colour import light_filter
 from sim.light_noise import background_density, noise_rms_v
 from sim.presets import detector_preset, laser_preset
 from sim.scene import Scene
@@ -77,9 +77,7 @@ def solar_rms_v(scene: Scene, distance_au: float, reflectance: float) -> float:
     detector = structs.replace(scene.detector, surface_dark_a=0.0, bulk_dark_a=0.0)
     surface = structs.replace(scene.surface, reflectance=reflectance)
     sunny = structs.replace(scene, sun=Sun(distance_au=distance_au), surface=surface, detector=detector)
-    truth = scene.truth
-    bandwidth_hz = butterworth.noise_bandwidth(truth.cutoff_hz, truth.order)
-    return scene.gain * noise_rms_v(background_density(sunny), bandwidth_hz)
+    return scene.gain * noise_rms_v(background_density(sunny), light_filter(scene).bandwidth_hz)
 
 
 def text_dark_rms_v(scene: Scene, distance: str = "mean") -> float:
@@ -109,6 +107,19 @@ def conditions(
         sun_v = solar_rms_v(scene, DISTANCES_AU[distance], reflectance) if light == "day" else 0.0
         found.append(Condition(distance, light, reflectance, math.hypot(dark_v, sun_v)))
     return tuple(found)
+
+
+def noise_scene(scene: Scene) -> Scene:
+    """Return a scene that has of another only what the law of its noise peaks depends on."""
+    plain = Scene(
+        receiver=scene.receiver,
+        gain_code=scene.gain_code,
+        filter=scene.filter,
+        electronics=scene.electronics,
+        surface=SurfaceTable(kind="plane"),
+        detector=structs.replace(Scene().detector, tia_bandwidth_hz=scene.detector.tia_bandwidth_hz),
+    )
+    return plain
 
 
 def cell_scene(scene: Scene, condition: Condition) -> Scene:

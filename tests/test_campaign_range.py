@@ -14,16 +14,18 @@ from scipy.stats import poisson
 
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
-from belahil.pole_response import autocovariance
-from procedures import range_chunks, range_ground
+from procedures import range_chunks, range_ground, range_parts
 from procedures.arrival_gradient import VALID_SNR, fit_gradient, linear_errors
 from procedures.campaign_range import RangeOptions, plan
 from procedures.echo_hits import FALSE_M, corrected_m, echo_hits
 from procedures.footprint_planes import EDGE, footprint_planes
 from procedures.local_draws import LocalDraws, local_draws
-from procedures.noise_clusters import NoiseClusters, fit_clusters
+from procedures.noise_clusters import LevelLaws, NoiseClusters, fit_clusters
+from procedures.noise_colour import autocorrelation
 from procedures.noise_tilt import MOST, UNTILTED, fitting_tilt, tilted_noise
-from procedures.range_ground import described, places, plane_strip, side_by_side
+from procedures.range_ground import GroundKey, Places, Strips, described, flat_terrains, footprints, places
+from procedures.range_histograms import EDGES, histogram, worth
+from procedures.range_points import Drawn
 from procedures.range_scenes import (
     DISTANCES_AU,
     RISE,
@@ -31,6 +33,7 @@ from procedures.range_scenes import (
     base_scene,
     cell_scene,
     conditions,
+    noise_scene,
     text_dark_rms_v,
 )
 from procedures.range_statistics import (
@@ -64,17 +67,25 @@ def rough_heights(seed: int, posts: int = 181) -> np.ndarray:
     return 2.0 * heights / heights.std()
 
 
-@lru_cache(maxsize=2)
-def strips(slope_deg: float = 10.0):  # type: ignore[no-untyped-def]
-    return side_by_side([rough_heights(seed) for seed in (1, 2, 3)], slope_deg)
+@lru_cache(maxsize=1)
+def flats() -> tuple[Grid, ...]:
+    return tuple(Grid(rough_heights(seed), 1.5, 0.0, 0.0) for seed in (1, 2, 3))
+
+
+def strips(slope_deg: float = 10.0) -> Strips:
+    return Strips(flats(), slope_deg)
+
+
+def on(ground: Strips, sigma_m: float, slopes_deg: tuple[float, float], count: int, seed: int) -> Places:
+    planes = ground.planes(described(ground.flats, sigma_m))
+    return places(ground, planes, slopes_deg, count, Draws(seed, 0))
 
 
 @lru_cache(maxsize=8)
 def drawn(altitude_m: float, count: int, seed: int, repeats: int = 1) -> tuple[Chain, LocalDraws]:
     scene = base_scene(altitude_m)
     chain = Chain(scene, Accuracy(1e-3), strips().surface)
-    planes = described(strips(), 12.5e-6 * altitude_m)
-    at = places(strips(), planes, (5.0, 15.0), count, Draws(seed, 0))
+    at = on(strips(), 12.5e-6 * altitude_m, (5.0, 15.0), count, seed)
     curve = range_chunks.correction(scene)
     return chain, local_draws(chain, at, float(curve.at(50e-9)), Draws(seed, 1), repeats)
 
@@ -118,7 +129,7 @@ def test_a_footprint_that_crosses_the_edge_is_refused() -> None:
 def test_places_have_the_slope_and_their_own_true_time(slopes: tuple[float, float]) -> None:
     ground = strips(sum(slopes) / 2)
 
-    at = places(ground, described(ground, 8.0), slopes, 20, Draws(5, 0))
+    at = on(ground, 8.0, slopes, 20, 5)
 
     assert np.array_equal(np.bincount(at.strip), [20, 20, 20])
     assert ((at.slope_deg >= slopes[0]) & (at.slope_deg <= slopes[1])).all()
@@ -134,9 +145,29 @@ def test_places_have_the_slope_and_their_own_true_time(slopes: tuple[float, floa
 
 
 def test_a_slope_that_does_not_occur_is_refused_with_those_that_do() -> None:
-    ground = plane_strip(10.0)
     with pytest.raises(RefusedInput, match=r"10 to 10 deg"):
-        places(ground, described(ground, 8.0), (20.0, 22.0), 5, Draws(1, 0))
+        footprints(asdict(GroundKey("plane")), 8.0, (20.0, 22.0), 5, Draws(1, 0))
+
+
+@pytest.mark.parametrize(("gradient", "sigma_m"), [((0.2, -0.1), 6.25), ((0.0, 0.5), 9.0)])
+def test_a_tilt_afterwards_is_a_tilt_before(gradient: tuple[float, float], sigma_m: float) -> None:
+    flat = flats()[0]
+    x, y = flat.posts()
+    before = Grid(flat.values + gradient[0] * x + (gradient[1] * y)[:, None], 1.5, 0.0, 0.0)
+    one, tilted = (footprint_planes(grid, sigma_m, 5 * sigma_m) for grid in (flat, before))
+    inner = slice(one.margin, x.size - one.margin)
+    found = one.tilted(gradient, x[inner], y[inner])
+    for name in ("light_m", "centre_m", "plane_m", "roughness_m"):
+        assert getattr(found, name) == pytest.approx(getattr(tilted, name), abs=1e-6)
+    assert found.slope_deg == pytest.approx(tilted.slope_deg, abs=1e-9)
+
+
+def test_a_factor_scales_the_fractals_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(range_ground, "LEVELS", 1)
+    forget_grounds()
+    rough = [flat_terrains("fractal", 5, factor)[0].values for factor in (1.0, 2.0)]
+    forget_grounds()
+    assert rough[1] == pytest.approx(2 * rough[0], rel=1e-12)
 
 
 # ---- noise that the text implies
@@ -221,6 +252,19 @@ def test_the_law_is_found_again_in_peaks_that_follow_it(a: float, b: float, seed
     assert spread == pytest.approx(law.a_u, rel=SIGMAS / np.sqrt(2 * 60))
 
 
+def test_a_law_between_levels_is_that_of_noise_at_that_level() -> None:
+    # given the same noise at three levels, rounded to counts
+    levels_v = (0.6e-3, 1.0e-3, 3e-3)
+    rows = range_chunks.noise_peaks(as_toml(noise_scene(base_scene())), levels_v, 400, 5, 0)["score_v"]
+    ends = LevelLaws(tuple(fit_clusters(rows[k], levels_v[k]) for k in (0, 2)))
+    own, between = fit_clusters(rows[1], levels_v[1]), ends.at(levels_v[1])
+    # then the law between the outer two is that of the middle one, to 1 % in the number of peaks
+    u = np.linspace(4.5, 6.0, 4) * levels_v[1]
+    assert between.above(u) == pytest.approx(own.above(u), rel=0.02)
+    assert ends.at(levels_v[0]).b == pytest.approx(fit_clusters(rows[0], levels_v[0]).b)
+    assert ends.at(1.0).b == pytest.approx(fit_clusters(rows[2], levels_v[2]).b)
+
+
 @pytest.mark.parametrize("others", [-1, 0, 1, 3])
 def test_a_score_is_kept_as_often_as_few_peaks_are_larger(others: int) -> None:
     law = NoiseClusters(1e-3, 7.4, 0.5, 0.0, 0.0, 0.0, 100)
@@ -276,8 +320,7 @@ def test_linear_propagation_is_the_spread_that_noise_makes(reflectance: float, n
     # given draws about echoes well above their noise
     chain, draws = drawn(500e3, 400, 3)
     finder, curve = chain.range_finder, range_chunks.correction(chain.scene)
-    lags = autocovariance(chain.receiver.poles, 12.5e-9 * np.arange(42))
-    linear = linear_errors(draws, finder, curve, lags / lags[0])
+    linear = linear_errors(draws, finder, curve, autocorrelation(chain.scene, 42))
     spread = linear_spread(linear, reflectance, noise_rms_v, 0.0)
     assert spread.snr > VALID_SNR
     # when the range finder finds them in noise
@@ -306,21 +349,25 @@ def test_shot_noise_has_the_variance_of_its_steps() -> None:
 # ---- the fast way against the slow
 
 
+PLANE = asdict(GroundKey("plane"))
+
+
 def plane_chunk(
     scene: str, cells: list[Condition], count: int, seed: int, repeats: int = 1
 ) -> dict[str, np.ndarray]:
     return range_chunks.echo_draws(
-        scene, "plane", 0, (9.0, 11.0), [asdict(one) for one in cells], count, repeats, seed, 0
+        scene, PLANE, (9.0, 11.0), [asdict(one) for one in cells], count, repeats, seed, 0
     )
 
 
 def draws_of(made: dict[str, np.ndarray], row: int, scene) -> CellDraws:  # type: ignore[no-untyped-def]
-    return cell_draws(made, row, range_chunks.correction(scene), 0.0)
+    point = Drawn("table", "", scene, (9.0, 11.0), (), made)
+    return cell_draws(point, row, range_chunks.correction(scene), 0.0)
 
 
 @lru_cache(maxsize=1)
 def noise(levels_v: tuple[float, ...], windows: int) -> np.ndarray:
-    return range_chunks.noise_peaks(as_toml(base_scene()), levels_v, windows, 99, 0)["score_v"]
+    return range_chunks.noise_peaks(as_toml(noise_scene(base_scene())), levels_v, windows, 99, 0)["score_v"]
 
 
 def test_fast_probabilities_are_the_conditional_ones_and_those_of_whole_shots() -> None:
@@ -349,7 +396,7 @@ def test_fast_probabilities_are_the_conditional_ones_and_those_of_whole_shots() 
     assert min(seen) < 0.01 < 0.3 < max(seen)
     # and whole shots have the same share of false ones, and the same errors
     row = 1
-    whole = range_chunks.whole_shots(as_toml(scene), "plane", 0, (9.0, 11.0), asdict(cells[row]), 900, 8, 0)
+    whole = range_chunks.whole_shots(as_toml(scene), PLANE, (9.0, 11.0), asdict(cells[row]), 900, 8, 0)
     law = fit_clusters(scores[cells[row].noise_rms_v], cells[row].noise_rms_v)
     fast, brute = fast_pfd(draws_of(made, row, scene), law), brute_cell(whole["error_m"], 0.0)
     apart = np.hypot(fast.standard_uncertainty, brute.pfd.standard_uncertainty)
@@ -367,7 +414,7 @@ def test_tilted_noise_tells_the_same_with_its_weights(tilt: float) -> None:
     # given the same faint echoes with noise as it is and tilted towards peaks
     chain, plain = drawn(1400e3, 300, 6, 10)
     finder, curve = chain.range_finder, range_chunks.correction(chain.scene)
-    tilted = tilted_noise(plain, chain.receiver, finder, tilt, Draws(6, 2))
+    tilted = tilted_noise(plain, autocorrelation(chain.scene, plain.unit.shape[1]), finder, tilt, Draws(6, 2))
     assert tilted.weight.max() < 1 / UNTILTED
     apart = SIGMAS * tilted.weight.std() / np.sqrt(tilted.weight.size)
     assert abs(tilted.weight.mean() - 1) < apart
@@ -392,7 +439,7 @@ def test_the_tilt_follows_what_an_echo_lacks() -> None:
     assert fitting_tilt(6.0) == 0.0
     assert 0 < fitting_tilt(4.0) < fitting_tilt(3.0) < fitting_tilt(0.0) == MOST
     chain, plain = drawn(500e3, 2, 1)
-    assert tilted_noise(plain, chain.receiver, chain.range_finder, 0.0, Draws(1, 0)) is plain
+    assert tilted_noise(plain, np.ones(1), chain.range_finder, 0.0, Draws(1, 0)) is plain
 
 
 @pytest.mark.parametrize("echoes", [40, 400])
@@ -462,6 +509,35 @@ def test_a_brute_cell_tells_what_was_drawn(sd: float, count: int) -> None:
     assert cell.spread.standard_uncertainty == pytest.approx(sd / np.sqrt(2 * count), rel=0.15)
 
 
+# ---- distributions
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_values_worth_their_weights_have_the_weighted_distribution(seed: int) -> None:
+    # given draws of a wide normal distribution, weighted to a narrower one
+    draws = np.random.default_rng(seed)
+    values = 2.0 * draws.standard_normal((4000, 1))
+    weights = np.exp(-0.5 * values**2 * (1 - 0.25))
+    taken = worth(values, weights)
+    assert taken.size == round(weights.sum() ** 2 / (weights**2).sum())
+    assert taken.std() == pytest.approx(1.0, rel=SIGMAS / np.sqrt(2 * taken.size))
+    # and with equal weights nothing changes
+    assert np.array_equal(worth(values, np.ones(values.shape)), np.sort(values, axis=None))
+
+
+@pytest.mark.parametrize(("tail", "normal"), [(30.0, True), (2.5, False)])
+def test_a_distribution_with_tails_is_not_taken_for_normal(tail: float, normal: bool) -> None:
+    values = np.random.default_rng(4).standard_t(tail, (3000, 1))
+    if tail > 10:
+        values = np.random.default_rng(4).standard_normal((3000, 1))
+    found = histogram(5e5, "all by day", values, np.ones(values.shape), 1)
+    assert found.p_value is not None
+    assert (found.p_value > 1e-4) is normal
+    assert found.rms_m == pytest.approx(values.std(), rel=1e-9)
+    inside = np.abs(values - values.mean()) <= 4 * found.rms_m
+    assert (found.density * np.diff(EDGES) * found.rms_m).sum() == pytest.approx(inside.mean(), abs=1e-9)
+
+
 # ---- the campaign
 
 
@@ -471,7 +547,7 @@ def test_options_below_what_statistics_need_are_refused() -> None:
 
 
 def test_a_plan_has_every_cell_once_and_every_window_of_noise_once() -> None:
-    options = RangeOptions(echoes=3, sets=2, noise_windows=700, shots=4)
+    options = RangeOptions(("table",), echoes=3, sets=2, noise_windows=700, shots=4)
     chunks = plan(options).chunks
     noise_chunks = [one for one in chunks if one.work.endswith(":noise_peaks")]
     assert sum(one.given["windows"] for one in noise_chunks) == 700
@@ -480,13 +556,19 @@ def test_a_plan_has_every_cell_once_and_every_window_of_noise_once() -> None:
     assert len(chunks) == len({one.key for one in chunks}) == 3 + 8 + 24
 
 
+def forget_grounds() -> None:
+    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+        one.cache_clear()
+
+
 def test_the_command_predicts_the_table(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # given two fractals in the place of eleven
+    # given two fractals in the place of eleven, and few points
     monkeypatch.setattr(range_ground, "LEVELS", 2)
-    range_chunks._ground.cache_clear()
-    range_chunks._described.cache_clear()
+    monkeypatch.setattr(range_parts, "STUDY_ALTITUDES_M", (500e3, 1200e3))
+    monkeypatch.setattr(range_parts, "MAP_SLOPES_DEG", (5.0, 10.0))
+    forget_grounds()
     out = tmp_path / "range"
     small = [
         "--echoes",
@@ -508,16 +590,16 @@ def test_the_command_predicts_the_table(
     told = capsys.readouterr().out
     assert told.count(" km  mean") == 24
     results = json.loads((out / "summary.json").read_text())["results"]
-    assert len(results["table"]) == 48
-    low, high = (one["pfd"]["value"] for one in (results["table"][4], results["table"][-12 + 0]))
+    rows = results["table"]["cells"]
+    assert len(rows) == 48
+    low, high = (rows[row]["pfd"]["value"] for row in (4, -12))
     assert low < high
     assert (out / "data.nc").is_file()
     assert (out / "report.html").is_file()
     # and going on with a finished campaign tells the same
     assert main(["campaign", "range", "--resume", str(out)]) == 0
     assert capsys.readouterr().out == told
-    range_chunks._ground.cache_clear()
-    range_chunks._described.cache_clear()
+    forget_grounds()
 
 
 def test_a_receiver_of_other_filters_has_its_own_correction() -> None:
@@ -531,6 +613,6 @@ def test_a_receiver_of_other_filters_has_its_own_correction() -> None:
 def test_draws_about_dark_ground_are_refused() -> None:
     chain, _ = drawn(500e3, 2, 1)
     grey = Chain(chain.scene, Accuracy(1e-3), replace(chain.surface, albedo=0.5))
-    at = places(strips(), described(strips(), 6.25), (5.0, 15.0), 1, Draws(1, 0))
+    at = on(strips(), 6.25, (5.0, 15.0), 1, 1)
     with pytest.raises(RefusedInput, match="reflectance of 1"):
         local_draws(grey, at, 17e-9, Draws(1, 0))

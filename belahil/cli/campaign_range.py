@@ -13,9 +13,13 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 @click.command(
     "range", short_help="Range errors and false detections by altitude, reflectance, day and night."
 )
+@click.option("--parts", metavar="LIST", help="Of table,altitude,map; all when left out.")
 @click.option("--echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain in each set; 60.")
 @click.option("--repeats", type=click.IntRange(min=1), metavar="N", help="Shots about each echo; 6.")
 @click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of echoes at each altitude; 6.")
+@click.option(
+    "--study-echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain, other parts; 24."
+)
 @click.option("--noise-windows", type=click.IntRange(min=20), metavar="N", help="With noise only; 2000.")
 @click.option(
     "--shots", type=click.IntRange(min=0), metavar="N", help="Whole shots on each terrain in each cell; 100."
@@ -24,9 +28,11 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 @click.option("--ground-seed", type=click.IntRange(min=0), metavar="N", help="Of the fractals; 100.")
 @campaign_options
 def command(
+    parts: str | None,
     echoes: int | None,
     repeats: int | None,
     sets: int | None,
+    study_echoes: int | None,
     noise_windows: int | None,
     shots: int | None,
     seed: int | None,
@@ -43,9 +49,11 @@ def command(
     By draws about the echo and the law of the largest noise peaks; beside it stand whole shots.
     """
     chosen = {
+        "parts": None if parts is None else tuple(parts.split(",")),
         "echoes": echoes,
         "repeats": repeats,
         "sets": sets,
+        "study_echoes": study_echoes,
         "noise_windows": noise_windows,
         "shots": shots,
         "seed": seed,
@@ -56,8 +64,10 @@ def command(
 
 
 def _lines(results: dict[str, Any]) -> list[str]:
+    if "table" not in results:
+        return [f"parts: {', '.join(key for key in results if isinstance(results[key], dict))}"]
     lines = ["altitude  Sun         light  reflectance  error, m          PFD, %           by whole shots"]
-    for one in results["table"]:
+    for one in results["table"]["cells"]:
         error, pfd, brute = one["error"], one["pfd"], one["brute"]
         told = "" if error is None else f"{error['value']:.3f} +- {error['standard_uncertainty']:.3f}"
         chance = f"{100 * pfd['value']:.2f} +- {100 * pfd['standard_uncertainty']:.2f}"

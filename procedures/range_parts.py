@@ -1,0 +1,133 @@
+"""The parts of the range campaign as points: what each varies, and over which ground."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import structs
+
+from belahil.chunks import Chunk
+from procedures.range_points import Point, noise_chunks
+from procedures.range_scenes import (
+    ALTITUDES_M,
+    DISTANCES_AU,
+    SLOPES_DEG,
+    base_scene,
+    conditions,
+    noise_scene,
+)
+from sim.scene import as_toml
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from procedures.campaign_range import RangeOptions
+
+PARTS = ("table", "altitude", "map")
+
+STUDY_ALTITUDES_M = tuple(100e3 * n for n in range(4, 16))
+HISTOGRAM_ALTITUDES_M = (500e3, 1000e3, 1500e3)
+_HISTOGRAM_SETS = 4
+MAP_SLOPES_DEG = tuple(5.0 * n for n in range(9))
+_MAP_HALF_DEG = 1.5
+"""Footprints of a map have its slope within so much."""
+_MAP_SHARE = 4
+"""Of the echoes that other parts have."""
+_SETS_APART = 0x10000
+"""Between the seeds of parts: none shares the places and the noise of another."""
+_LEVELS = 8
+
+
+def points(options: RangeOptions) -> Iterator[Point]:
+    """Return the points of the parts that are asked for."""
+    made = {"table": _table, "altitude": _altitude, "map": _map}
+    for number, part in enumerate(PARTS):
+        if part in options.parts:
+            yield from made[part](options, options.seed + _SETS_APART * number)
+
+
+def levels_chunks(every: Sequence[Point], options: RangeOptions, seed: int) -> list[Chunk]:
+    """Return the work of the law of noise peaks for all that some points meet."""
+    receivers: dict[str, tuple[Point, set[float], set[float]]] = {}
+    for point in every:
+        key = as_toml(noise_scene(point.scene))
+        _, exact, between = receivers.setdefault(key, (point, set(), set()))
+        levels = {one.noise_rms_v for one in point.conditions}
+        (exact if point.part == "table" else between).update(levels)
+    chunks = []
+    for point, exact, between in receivers.values():
+        if len(between) > _LEVELS:
+            between = set(np.geomspace(min(between), max(between), _LEVELS).tolist())
+        chunks += noise_chunks(point.scene, sorted(exact | between), options.noise_windows, seed)
+    return chunks
+
+
+def _table(options: RangeOptions, seed: int) -> Iterator[Point]:
+    every = conditions(base_scene(), distances=tuple(DISTANCES_AU))
+    for altitude_m in ALTITUDES_M:
+        yield Point(
+            part="table",
+            label=f"{altitude_m / 1e3:g} km",
+            scene=base_scene(altitude_m),
+            conditions=every,
+            echoes=options.echoes,
+            repeats=options.repeats,
+            sets=options.sets,
+            seed=seed,
+            ground=options.ground,
+        )
+
+
+def _altitude(options: RangeOptions, seed: int) -> Iterator[Point]:
+    for altitude_m in STUDY_ALTITUDES_M:
+        yield Point(
+            part="altitude",
+            label=f"{altitude_m / 1e3:g} km",
+            scene=base_scene(altitude_m),
+            conditions=conditions(base_scene()),
+            echoes=options.study_echoes,
+            repeats=options.repeats,
+            # Tails of a distribution need more.
+            sets=_HISTOGRAM_SETS if altitude_m in HISTOGRAM_ALTITUDES_M else 1,
+            seed=seed,
+            ground=options.ground,
+        )
+
+
+def _map(options: RangeOptions, seed: int) -> Iterator[Point]:
+    for slope_deg in MAP_SLOPES_DEG:
+        for altitude_m in STUDY_ALTITUDES_M:
+            yield Point(
+                part="map",
+                label=f"{slope_deg:g} deg, {altitude_m / 1e3:g} km",
+                scene=base_scene(altitude_m),
+                conditions=conditions(base_scene()),
+                echoes=max(1, options.study_echoes // _MAP_SHARE),
+                repeats=options.repeats,
+                sets=1,
+                seed=seed,
+                ground=replace(options.ground, tilt_deg=slope_deg),
+                slopes_deg=(max(0.0, slope_deg - _MAP_HALF_DEG), slope_deg + _MAP_HALF_DEG),
+            )
+
+
+def brute_chunks(options: RangeOptions, seed: int) -> list[Chunk]:
+    """Return whole shots of the cells of the table at mean distance, each on its own."""
+    chunks, scene = [], base_scene()
+    for altitude_m in ALTITUDES_M:
+        text = as_toml(structs.replace(scene, altitude_m=altitude_m))
+        for one in conditions(scene):
+            given = {
+                "scene": text,
+                "ground": asdict(options.ground),
+                "slopes_deg": list(SLOPES_DEG),
+                "condition": asdict(one),
+                "count": options.shots,
+                "seed": seed,
+                "number": 0,
+            }
+            name = f"shots from {altitude_m / 1e3:g} km, {one.light}, reflectance {one.reflectance:g}"
+            chunks.append(Chunk(name, "procedures.range_chunks:whole_shots", given))
+    return chunks
