@@ -1,0 +1,296 @@
+"""The work of the roughness campaign in chunks: footprints, their echoes, widths and best pulses.
+
+Everything in and out is plain, so that a chunk can be computed anywhere; see `belahil.chunks`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from procedures.echo_hits import echo_hits
+from procedures.footprint_moments import described, disc, even_places
+from procedures.local_draws import local_draws
+from procedures.pulse_library import best_matches, pulse_library
+from procedures.range_chunks import MIDDLE_WIDTH_S, TOLERANCE, correction
+from procedures.range_ground import Places
+from procedures.range_scenes import conditions
+from procedures.study_ground import fractal, terrain_file
+from sim.accuracy import Accuracy
+from sim.chain import Chain
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
+from sim.draws import Draws
+from sim.laser import beam_sigma_m
+from sim.scene import parse_scene
+from sim.terrain import Surface, tilted
+from sim.terrain_dtm import levelled
+from sim.terrain_grid import Grid
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from procedures.echo_hits import EchoHits
+    from procedures.local_draws import LocalDraws
+    from procedures.pulse_library import Matches, PulseLibrary
+    from sim.scene import Scene
+
+CASES = ("free", "night", "day")
+TURN_DEG = 36.0
+"""From the azimuth of one terrain's tilt to the next one's."""
+MARGIN = 4.9
+"""Standard deviations of the beam that no footprint lies nearer to an edge: room for the jitter."""
+_WHOLE = 0.999
+_OF_PULSE = 0.1
+_SHOWN_M = 40.0
+"""Of ground about the roughest footprint, on either side."""
+
+
+@lru_cache(maxsize=4)
+def library_of(scene: str) -> PulseLibrary:
+    """Return the library of a scene."""
+    return pulse_library(parse_scene(scene))
+
+
+def over_fractal(
+    scene: str,
+    level: int,
+    height_factor: float,
+    ground_seed: int,
+    tilt_deg: float,
+    per_side: int,
+    cases: list[str],
+    reflectances: list[float],
+    by_beam: bool,
+    seed: int,
+    number: int,
+) -> dict[str, NDArray[Any]]:
+    """Follow footprints over one fractal, tilted.
+
+    Parameters
+    ----------
+    scene : str
+        TOML: instrument and altitude; reflectance of the library.
+    level, ground_seed : int
+        Of `procedures.study_ground.fractal`.
+    height_factor : float
+        By which its heights are multiplied.
+    tilt_deg : float
+        Of the plane that is added.
+    per_side : int
+        Footprints along each side.
+    cases : list of str
+        Out of `CASES`.
+    reflectances : list of float
+        Of the ground.
+    by_beam : bool
+        As in `procedures.footprint_moments.disc`.
+    seed, number : int
+        Key of the draws.
+
+    Returns
+    -------
+    dict
+        Those of `footprints`.
+    """
+    flat = fractal(level, ground_seed).relief
+    assert isinstance(flat, Grid)
+    higher = replace(flat, values=height_factor * flat.values)
+    relief = tilted(Surface("fractal", relief=higher), tilt_deg, TURN_DEG * level).relief
+    assert isinstance(relief, Grid)
+    return footprints(scene, relief, per_side, cases, reflectances, by_beam, Draws(seed, number))
+
+
+def over_terrain(
+    scene: str,
+    path: str,
+    content: str,
+    rows: tuple[int, int],
+    cases: list[str],
+    reflectances: list[float],
+    by_beam: bool,
+    seed: int,
+    number: int,
+) -> dict[str, NDArray[Any]]:
+    """Follow footprints over some rows of posts of a terrain model; `content` is in the chunk's key."""
+    relief = terrain_file(path).relief
+    assert isinstance(relief, Grid)
+    part = np.s_[rows[0] : rows[1]]
+    known = None if relief.known is None else relief.known[part]
+    y_min_m = relief.y_min_m + rows[0] * relief.spacing_m
+    piece = levelled(Grid(relief.values[part], relief.spacing_m, relief.x_min_m, y_min_m, known), None)
+    return footprints(scene, piece, None, cases, reflectances, by_beam, Draws(seed, number))
+
+
+def footprints(
+    scene: str,
+    relief: Grid,
+    per_side: int | None,
+    cases: list[str],
+    reflectances: list[float],
+    by_beam: bool,
+    draws: Draws,
+) -> dict[str, NDArray[Any]]:
+    """Describe footprints, detect their echoes, and match them with the library.
+
+    Parameters
+    ----------
+    relief : Grid
+        The ground.
+    per_side : int or None
+        None: as many footprints as fit side by side.
+
+    Returns
+    -------
+    dict
+        Of shape (n,): ``slope_deg, roughness_m, skewness, raw_skewness``. Of shape (reflectances, cases, n):
+        ``width_s, amplitude`` (factor of the library's pulse), ``msr_v2, library_deg``, ``pulse_msr_v2`` (of
+        samples where the best pulse is above a tenth of its peak); zero width where the echo was not
+        detected. ``example_*``: what belongs to the footprint with the largest MSR of the first case and
+        reflectance.
+    """
+    read = parse_scene(scene)
+    sigma_m = beam_sigma_m(read.laser, read.altitude_m)[0]
+    posts = disc(relief.spacing_m, sigma_m, by_beam=by_beam)
+    row, column = even_places(relief, MARGIN * sigma_m, per_side, 4 * sigma_m)
+    found, whole = described(relief, row, column, posts)
+    light_m, lit = _light(relief, row, column, sigma_m)
+    whole &= lit > _WHOLE
+    row, column, light_m = row[whole], column[whole], light_m[whole]
+    told = {
+        name: getattr(found, name)[whole] for name in ("slope_deg", "roughness_m", "skewness", "raw_skewness")
+    }
+    chain = Chain(read, Accuracy(TOLERANCE), Surface("dtm", relief=relief, albedo=1.0))
+    curve, finder = correction(read), chain.range_finder
+    at = _places(relief, row, column, light_m)
+    drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), finder.bank.reach, draws)
+    step_v = chain.receiver.quantizer.volts_per_count
+    shape = (len(reflectances), len(cases), row.size)
+    results = {
+        name: np.zeros(shape) for name in ("width_s", "amplitude", "msr_v2", "pulse_msr_v2", "library_deg")
+    }
+    example: dict[str, NDArray[Any]] = {}
+    for first, second in np.ndindex(*shape[:2]):
+        windows = _windows(read, drawn, cases[second], reflectances[first], step_v)
+        hits = echo_hits(drawn, windows, finder, curve)
+        cut = _cut(windows, drawn, hits, finder.correlation_window_samples)
+        matched = best_matches(library_of(scene), *cut)
+        there = hits.hit[:, 0]
+        results["width_s"][first, second] = np.where(there, hits.width_s[:, 0], 0.0)
+        results["msr_v2"][first, second] = matched.msr_v2
+        results["pulse_msr_v2"][first, second] = _pulse_msr_v2(library_of(scene), cut, matched)
+        results["library_deg"][first, second] = library_of(scene).slope_deg[matched.pulse]
+        results["amplitude"][first, second] = matched.factor
+        if not example and row.size:
+            worst = int(np.argmax(np.where(there, matched.msr_v2, -1.0)))
+            example = _example(scene, relief, (row, column), worst, cut, matched, told)
+    return told | results | example
+
+
+def _windows(
+    scene: Scene, drawn: LocalDraws, case: str, reflectance: float, step_v: float
+) -> NDArray[np.float64]:
+    """Samples about the echoes; without noise also without rounding and without jitter."""
+    if case == "free":
+        return reflectance * drawn.still_v
+    noise_v = noise_rms_v(scene, case, reflectance)
+    return np.asarray(np.rint(drawn.windows(reflectance, noise_v) / step_v) * step_v)
+
+
+def noise_rms_v(scene: Scene, case: str, reflectance: float) -> float:
+    """Return the stationary noise of a case, V."""
+    return next(
+        one.noise_rms_v
+        for one in conditions(scene, (reflectance,))
+        if one.light == case and one.distance == "mean"
+    )
+
+
+def _cut(
+    windows: NDArray[np.float64], drawn: LocalDraws, hits: EchoHits, size: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Correlation windows about the hits, and where the Gaussians are in them, s from the first sample."""
+    centre = (hits.arrival_s[:, 0] + drawn.true_s - drawn.first_s) / drawn.interval_s
+    centre = np.where(hits.hit[:, 0], centre, drawn.middle)
+    first = np.clip(np.round(centre).astype(np.int64) - size // 2, 0, windows.shape[1] - size)
+    samples = np.take_along_axis(windows, first[:, None] + np.arange(size), axis=1)
+    return samples, drawn.interval_s * (centre - first)
+
+
+def _best_v(
+    library: PulseLibrary, arrival_s: NDArray[np.float64], size: int, matched: Matches
+) -> NDArray[np.float64]:
+    """The best pulses at the samples, V."""
+    times_s = library.interval_s * np.arange(size) - (arrival_s + matched.shift_s)[:, None]
+    return matched.factor[:, None] * library.at(matched.pulse, times_s)[0]
+
+
+def _pulse_msr_v2(
+    library: PulseLibrary, cut: tuple[NDArray[np.float64], NDArray[np.float64]], matched: Matches
+) -> NDArray[np.float64]:
+    best_v = _best_v(library, cut[1], cut[0].shape[1], matched)
+    counts = best_v > _OF_PULSE * best_v.max(axis=1)[:, None]
+    left = np.where(counts, (cut[0] - best_v) ** 2, 0.0)
+    return np.asarray(left.sum(axis=1) / np.maximum(counts.sum(axis=1), 1))
+
+
+def _light(
+    relief: Grid, row: NDArray[np.int64], column: NDArray[np.int64], sigma_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean height under the beam, m, and the share of it on ground with data."""
+    posts = disc(relief.spacing_m, sigma_m, by_beam=True)
+    heights, lit = np.empty(row.size), np.ones(row.size)
+    for begin in range(0, row.size, 512):
+        part = slice(begin, begin + 512)
+        at = row[part, None] + posts.rows, column[part, None] + posts.columns
+        heights[part] = relief.values[at] @ posts.weights
+        if relief.known is not None:
+            lit[part] = relief.known[at] @ posts.weights
+    return heights, lit
+
+
+def _places(
+    relief: Grid, row: NDArray[np.int64], column: NDArray[np.int64], light_m: NDArray[np.float64]
+) -> Places:
+    centre_m = np.stack(
+        [relief.x_min_m + relief.spacing_m * column, relief.y_min_m + relief.spacing_m * row], axis=1
+    )
+    true_s = -2 / SPEED_OF_LIGHT_M_PER_S * light_m
+    nothing = np.zeros(row.size)
+    return Places(centre_m, np.zeros(row.size, dtype=np.int64), true_s, true_s, true_s, nothing, nothing)
+
+
+def _example(
+    scene: str,
+    relief: Grid,
+    posts: tuple[NDArray[np.int64], NDArray[np.int64]],
+    worst: int,
+    cut: tuple[NDArray[np.float64], NDArray[np.float64]],
+    matched: Matches,
+    told: dict[str, NDArray[Any]],
+) -> dict[str, NDArray[Any]]:
+    """Ground, samples and best pulse of one footprint."""
+    library, samples, arrival_s = library_of(scene), cut[0][worst], cut[1][worst]
+    row, column = int(posts[0][worst]), int(posts[1][worst])
+    reach = math.floor(_SHOWN_M / relief.spacing_m)
+    times_s = library.interval_s * np.arange(samples.size) - arrival_s
+    best = _best_v(library, cut[1], samples.size, matched)[worst]
+    return {
+        "example_heights_m": _square(relief.values, row, column, reach),
+        "example_spacing_m": np.array(relief.spacing_m),
+        "example_samples_v": samples,
+        "example_best_v": best,
+        "example_time_s": times_s,
+        "example_slopes_deg": np.array([told["slope_deg"][worst], library.slope_deg[matched.pulse[worst]]]),
+        "example_roughness_m": np.array(told["roughness_m"][worst]),
+        "example_msr_v2": np.array(matched.msr_v2[worst]),
+    }
+
+
+def _square(values: NDArray[np.float64], row: int, column: int, reach: int) -> NDArray[np.float64]:
+    """Posts about one; NaN beyond the terrain."""
+    padded = np.pad(values, reach, constant_values=np.nan)
+    return padded[row : row + 2 * reach + 1, column : column + 2 * reach + 1]

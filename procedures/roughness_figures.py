@@ -1,0 +1,278 @@
+"""The figures of a roughness campaign: width, skewness, library, residuals, reach and regions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from procedures.range_scenes import REFLECTANCES
+from procedures.roughness_chunks import CASES
+from procedures.roughness_results import LIMITS
+from procedures.roughness_shape import BINS_M, CONTOURS, FEWEST, LEVELS_V2, LIMIT_V2, MAP_EDGES_M
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from procedures.roughness_results import RoughnessResults
+
+_BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+_WORDS = {"free": "without noise", "night": "night", "day": "day"}
+
+
+def width_figure(found: RoughnessResults) -> Figure:
+    """Draw squares of roughness from the width against those of the ground."""
+    width = found.width
+    figure = Figure(figsize=(10.5, 4.8), layout="constrained")
+    figure.set_label(
+        "(a) Square of the roughness from the width of the return pulse against that of the ground, a "
+        "point for each footprint without noise; red: one to one; blue: means of bins with equally many "
+        "footprints, plus and minus one standard deviation. (b) Share of negative squares in these bins, "
+        "which no roughness has."
+    )
+    left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+    ground, observed = 1e18 * width.ground_s2, 1e18 * width.observed_s2
+    left.plot(ground, observed, "k.", ms=1.2, alpha=0.3, rasterized=True)
+    span = np.array([0, np.quantile(ground, 0.999)])
+    left.plot(span, span, color="r", lw=1.5, label="one to one")
+    middle, mean, spread = (1e18 * one for one in (width.middle_s2, width.mean_s2, width.spread_s2))
+    left.plot(middle, mean, "o-", color=_BLUE, ms=4, lw=2, label="mean")
+    for sign in (-1, 1):
+        left.plot(middle, mean + sign * spread, color=_BLUE, lw=0.9)
+    left.axhline(0, color="0.6", lw=0.7)
+    left.set_xlim(0, span[1])
+    left.set_ylim(*np.quantile(observed, (0.001, 0.999)))
+    left.set_xlabel(r"ground: $\sigma_{rough}^2$, ns$^2$")
+    left.set_ylabel(r"width: $\sigma_{rough}^2$, ns$^2$")
+    left.set_title(f"(a) {observed.size} footprints, eleven fractals", loc="left", fontsize=10)
+    left.legend(fontsize=9, loc="upper left")
+    right.semilogx(np.sqrt(width.middle_s2) * 0.1498962e9, 100 * width.negative, "o-", color=_BLUE)
+    right.set_ylim(0, 60)
+    right.set_xticks((0.02, 0.05, 0.1, 0.2, 0.5), ("0.02", "0.05", "0.1", "0.2", "0.5"))
+    right.minorticks_off()
+    right.set_xlabel("roughness of the ground, m")
+    right.set_ylabel("negative squares, %")
+    share, u = width.share_negative
+    right.set_title(f"(b) negative: {100 * share:.0f}({100 * u:.0f}) % of all", loc="left", fontsize=10)
+    return figure
+
+
+def skewness_figure(found: RoughnessResults) -> Figure:
+    """Draw histograms of skewness beside that of white noise."""
+    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
+    figure.set_label(
+        "Skewness of the heights in footprints about their planes: fractals, the terrain model where one was "
+        "given, and white noise on as many posts."
+    )
+    axes = figure.subplots()
+    edges = np.linspace(-2, 2, 81).tolist()
+    for name, colour in (("fractals", _BLUE), ("terrain", _ORANGE)):
+        if name in found.skewness:
+            one = found.skewness[name]
+            label = (
+                f"{'terrain model' if name == 'terrain' else name}, {one.values.size}, rms {one.spread:.2f}"
+            )
+            axes.hist(
+                one.values, edges, density=True, histtype="stepfilled", color=colour, alpha=0.45, label=label
+            )
+    axes.hist(
+        found.white,
+        edges,
+        density=True,
+        histtype="step",
+        color="k",
+        lw=1.6,
+        label=f"white noise, rms {found.white.std():.2f}",
+    )
+    axes.set_xlabel("skewness")
+    axes.set_ylabel("density")
+    axes.legend(fontsize=9)
+    return figure
+
+
+def library_figure(found: RoughnessResults) -> Figure:
+    """Draw the footprint with the largest residual, its samples, and slopes against the library's."""
+    example = found.example
+    figure = Figure(figsize=(12.0, 4.3), layout="constrained")
+    figure.set_label(
+        "(a) Ground about the footprint with the largest residual; circle: where the beam has "
+        "1/e\N{SUPERSCRIPT TWO} of its peak. (b) Its samples without noise (black), with bars of the noise "
+        "by day (large) and night (small), and the best pulse of the library of flat slopes (red). (c) "
+        "Slope of the ground by slope of the best pulse, as a share of each; red: polynomial through the "
+        "means."
+    )
+    left, middle, right = figure.subplots(1, 3)
+    heights = example["example_heights_m"]
+    reach_m = float(example["example_spacing_m"]) * (heights.shape[0] - 1) / 2
+    shown = left.imshow(
+        np.ma.masked_invalid(heights - np.nanmean(heights)),
+        origin="lower",
+        extent=(-reach_m, reach_m) * 2,
+        cmap="cividis",
+    )
+    left.add_patch(Circle((0, 0), 2 * found.sigma_m, fill=False, edgecolor="w", lw=2))
+    left.set_xlabel("x, m")
+    left.set_ylabel("y, m")
+    roughness = float(example["example_roughness_m"])
+    left.set_title(f"(a) roughness {roughness:.2f} m", loc="left", fontsize=10)
+    figure.colorbar(shown, ax=left, label="height, m", shrink=0.8)
+    times_ns = 1e9 * example["example_time_s"]
+    for case, size in (("day", 5), ("night", 3)):
+        middle.errorbar(
+            times_ns,
+            1e3 * example["example_samples_v"],
+            1e3 * found.noise_v[case],
+            fmt="none",
+            ecolor="0.3",
+            capsize=size,
+            lw=0.8,
+        )
+    middle.plot(times_ns, 1e3 * example["example_samples_v"], "ko-", ms=4, lw=0.8, label="samples")
+    middle.plot(times_ns, 1e3 * example["example_best_v"], "r--", lw=1.5, label="best pulse")
+    middle.set_xlim(-120, 160)
+    middle.set_xlabel("time from the arrival, ns")
+    middle.set_ylabel("voltage, mV")
+    counts = {case: found.beyond_noise(case) for case in CASES[1:]}
+    middle.set_title(
+        f"(b) beyond 2 sd: {counts['day']} by day, {counts['night']} by night", loc="left", fontsize=10
+    )
+    middle.legend(fontsize=9)
+    _slopes(right, found)
+    return figure
+
+
+def _slopes(axes: Axes, found: RoughnessResults) -> None:
+    seen = found.everything
+    there = seen.width_s[0, 0] > 0
+    edges = np.arange(-0.5, 41.0, 1.0)
+    counts, _, _ = np.histogram2d(seen.library_deg[0, 0][there], seen.slope_deg[there], (edges, edges))
+    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    axes.pcolormesh(edges, edges, np.ma.masked_less_equal(shares.T, 0), cmap="Blues", vmax=0.5)
+    slopes = found.slopes
+    inner = slopes["library_deg"] < edges[-1] - 1
+    best, mean, u = (slopes[name][inner] for name in ("library_deg", "mean_deg", "mean_u_deg"))
+    curve = np.polynomial.Polynomial.fit(best, mean, 3, w=1 / np.maximum(u, 0.05))
+    axes.plot(best, curve(best), "r", lw=1.8, label="polynomial through means")
+    axes.plot((0, 40), (0, 40), "k:", lw=1, label="one to one")
+    axes.set_xlabel("slope of the best pulse, deg")
+    axes.set_ylabel("slope of the ground, deg")
+    bias, bias_u = found.slope_bias_deg
+    axes.set_title(f"(c) best pulse less ground: {bias:+.2f}({bias_u:.2f}) deg", loc="left", fontsize=10)
+    axes.legend(fontsize=9, loc="upper left")
+
+
+def shape_figure(found: RoughnessResults) -> Figure:
+    """Draw cumulative shares of residuals for three bins, and maps of them, by case."""
+    figure = Figure(figsize=(10.5, 10.5), layout="constrained")
+    figure.set_label(
+        "Mean squared residuals (MSR) of footprints whose best pulse has 9 to 11 degrees, by rows without "
+        "noise, by night and by day. Left: cumulative share for three bins of roughness. Right: the same "
+        "by roughness, each bin for itself; lines: below them are 50, 70, 90, 95 and 99 %."
+    )
+    grid = figure.subplots(3, 2, squeeze=False)
+    for row, case in zip(grid, CASES, strict=True):
+        one = found.shapes[case]
+        for curve, bounds, count, colour in zip(
+            one.curves, BINS_M, one.counts, (_GREEN, _PURPLE, _ORANGE), strict=True
+        ):
+            label = f"{bounds[0]:g} to {bounds[1]:g} m, {count}"
+            row[0].semilogx(1e6 * LEVELS_V2, 100 * curve, color=colour, lw=1.8, label=label)
+        row[0].axvline(1e6 * LIMIT_V2, color="0.5", ls=":", lw=1)
+        low = 1e-4 if case == "free" else 1e-1
+        row[0].set_xlim(low, 1e1)
+        row[0].set_ylabel("cumulative share, %")
+        row[0].set_title(_WORDS[case], loc="left", fontsize=10)
+        row[0].legend(fontsize=8, loc="upper left" if case == "free" else "lower right")
+        _map(row[1], found, case, low)
+    for axes in grid[-1]:
+        axes.set_xlabel("MSR, mV$^2$" if axes is grid[-1, 0] else "roughness of the ground, m")
+    return figure
+
+
+def _map(axes: Axes, found: RoughnessResults, case: str, low_mv2: float) -> None:
+    one = found.shapes[case]
+    have = one.cell_counts >= FEWEST
+    shares = np.ma.masked_array(100 * one.cells, np.repeat(~have[:, None], LEVELS_V2.size, axis=1))
+    shown = axes.pcolormesh(
+        MAP_EDGES_M, 1e6 * _edges(LEVELS_V2), shares.T, cmap="viridis", vmin=0, vmax=100, rasterized=True
+    )
+    axes.set_yscale("log")
+    axes.set_ylim(low_mv2, 10)
+    axes.set_xlim(0, MAP_EDGES_M[np.flatnonzero(have)[-1] + 1] + 0.1 if have.any() else 1.0)
+    middles = (MAP_EDGES_M[:-1] + MAP_EDGES_M[1:]) / 2
+    for share, row in zip(CONTOURS, one.contours_v2, strict=True):
+        axes.plot(middles, 1e6 * row, color="k", lw=1.2)
+        ends = np.flatnonzero(np.isfinite(row))
+        if ends.size:
+            axes.text(
+                middles[ends[-1]], 1e6 * row[ends[-1]], f" {100 * share:.0f} %", fontsize=8, va="center"
+            )
+    axes.set_ylabel("MSR, mV$^2$")
+    axes.figure.colorbar(shown, ax=axes, label="cumulative share, %", pad=0.02)
+
+
+def _edges(levels: np.ndarray) -> np.ndarray:
+    """Edges between levels in geometric steps."""
+    step = np.sqrt(levels[1] / levels[0])
+    return np.append(levels / step, levels[-1] * step)
+
+
+def reach_figure(found: RoughnessResults) -> Figure:
+    """Draw how well the shape tells rough from smooth by altitude, and estimates of regions."""
+    figure = Figure(figsize=(13.0, 4.2), layout="constrained")
+    figure.set_label(
+        "(a) Share of footprints with 0.9 to 1.1 m whose residual is above 99 % of those below 0.1 m, by "
+        "night; dotted: 5 %, from which it is taken to tell, and the 1 % of chance. (b) How many standard "
+        "deviations the means of 100 rough and 100 smooth ones are apart; dotted: 3. (c) Roughness of ground "
+        "from their stacked residuals, judged by terrains of other sets, against the truth; bars: 68 %."
+    )
+    single, stacked, regions = figure.subplots(1, 3)
+    for reflectance, colour in zip(REFLECTANCES, (_PURPLE, _BLUE, _ORANGE), strict=True):
+        rows = [(one.altitude_m, one.power) for one in found.reaches if one.reflectance == reflectance]
+        there = [(1e-3 * altitude_m, power) for altitude_m, power in rows if power is not None]
+        altitudes_km = [one for one, _ in there]
+        look = {"fmt": "o-", "ms": 4, "color": colour, "label": f"reflectance {reflectance:g}"}
+        shares = [100 * power.share for _, power in there]
+        single.errorbar(altitudes_km, shares, [100 * power.share_u for _, power in there], **look)
+        apart = [power.separation for _, power in there]
+        stacked.errorbar(altitudes_km, apart, [power.separation_u for _, power in there], **look)
+    for axes, levels in ((single, (100 * LIMITS["single"], 1.0)), (stacked, (LIMITS["stacked"], 0.0))):
+        for level in levels:
+            axes.axhline(level, color="0.4", ls=":", lw=1)
+        axes.set_xlabel("altitude, km")
+        axes.legend(fontsize=8)
+    single.set_ylabel("rough beyond smooth, %")
+    single.set_title("(a) single footprints, night", loc="left", fontsize=10)
+    stacked.set_ylabel("separation, standard deviations")
+    stacked.set_title("(b) 100 stacked, night", loc="left", fontsize=10)
+    _regions(regions, found)
+    return figure
+
+
+def _regions(axes: Axes, found: RoughnessResults) -> None:
+    for case, colour, offset in (("night", _BLUE, 0.98), ("day", _ORANGE, 1.02)):
+        one = found.trials[case]
+        if not one.found:
+            continue
+        best = np.array([region.roughness_m for region in one.found])
+        spans = np.array([region.inside_68_m for region in one.found])
+        label = f"{case}: {100 * one.inside('inside_68_m').mean():.0f} % inside"
+        axes.errorbar(
+            offset * one.truth_m,
+            best,
+            np.abs(spans.T - best),
+            fmt="o",
+            ms=3,
+            lw=0.8,
+            color=colour,
+            label=label,
+        )
+    axes.plot((0.01, 2), (0.01, 2), "k:", lw=1)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("roughness of the terrain, m")
+    axes.set_ylabel("estimate, m")
+    axes.set_title("(c) regions", loc="left", fontsize=10)
+    axes.legend(fontsize=8, loc="upper left")

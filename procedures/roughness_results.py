@@ -1,0 +1,272 @@
+"""What a roughness campaign found, computed once from the footprints of all chunks."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from procedures.footprint_moments import disc, white_skewness
+from procedures.pulse_library import PulseLibrary
+from procedures.range_ground import SPACING_M
+from procedures.range_scenes import MEAN_REFLECTANCE, REFLECTANCES
+from procedures.roughness_chunks import CASES, library_of, noise_rms_v
+from procedures.roughness_region import Trial, trial
+from procedures.roughness_shape import Power, Shape, power, shape, slopes_by_library
+from procedures.roughness_statistics import Footprints, gathered, joined, mean_of
+from procedures.roughness_width import WidthRoughness, terms_s, width_roughness
+from sim.draws import Draws
+from sim.laser import beam_sigma_m
+from sim.scene import Scene, parse_scene
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from belahil.campaign_run import CampaignPlan
+
+WHITE = 20_000
+"""Footprints of white noise."""
+LIMITS = {"single": 0.05, "stacked": 3.0}
+"""From which on the shape tells: share of rough footprints above 99 % of the smooth ones; separation of 100
+of each in standard deviations. Assumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How well rough and smooth ground differ from an altitude.
+
+    Parameters
+    ----------
+    altitude_m, reflectance : float
+        From where, and of the ground.
+    power : Power or None
+        None with too few footprints that were detected.
+    """
+
+    altitude_m: float
+    reflectance: float
+    power: Power | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Skewness:
+    """Skewness of footprints of one kind.
+
+    Parameters
+    ----------
+    values : ndarray of float64
+        About the planes.
+    spread : float
+        Root mean square.
+    beyond, beyond_u : float
+        Share outside of what 99 % of white noise has, and its uncertainty; 1 % is white noise.
+    """
+
+    values: NDArray[np.float64]
+    spread: float
+    beyond: float
+    beyond_u: float
+
+
+@dataclass(frozen=True, eq=False)
+class RoughnessResults:
+    """All of it, from the plan and the results of its chunks."""
+
+    plan: CampaignPlan
+    chunks: list[dict[str, NDArray[Any]]]
+
+    @cached_property
+    def scene(self) -> Scene:
+        """That the campaign varies."""
+        return parse_scene(self.plan.scene)
+
+    @cached_property
+    def library(self) -> PulseLibrary:
+        """Of flat slopes, at the campaign's altitude."""
+        return library_of(self.plan.scene)
+
+    @cached_property
+    def fractals(self) -> Footprints:
+        """Over the eleven fractals, level and tilted."""
+        return self._of("fractal")
+
+    @cached_property
+    def everything(self) -> Footprints:
+        """The same, the rougher ones and a terrain model."""
+        more = [self._of("extra")] + ([] if self.terrain is None else [self.terrain])
+        return joined([self.fractals, *more])
+
+    @cached_property
+    def terrain(self) -> Footprints | None:
+        """Over the terrain model."""
+        return gathered(self.plan, self.chunks, "terrain")
+
+    def _of(self, kind: str) -> Footprints:
+        found = gathered(self.plan, self.chunks, kind)
+        assert found is not None  # every plan has them
+        return found
+
+    @cached_property
+    def sigma_m(self) -> float:
+        """Standard deviation of the beam on the ground, m."""
+        return beam_sigma_m(self.scene.laser, self.scene.altitude_m)[0]
+
+    @cached_property
+    def noise_v(self) -> dict[str, float]:
+        """Stationary noise by case, V."""
+        return {case: noise_rms_v(self.scene, case, MEAN_REFLECTANCE) for case in CASES[1:]}
+
+    # ---- width
+
+    @cached_property
+    def width(self) -> WidthRoughness:
+        """Without noise, over the eleven fractals."""
+        return width_roughness(self.fractals, self.library, 0)
+
+    @cached_property
+    def terms(self) -> dict[float, dict[str, float]]:
+        """Of the width, by slope in degrees."""
+        return {slope: terms_s(self.scene, self.library, slope) for slope in (0.0, 5.0, 10.0, 20.0, 30.0)}
+
+    # ---- skewness
+
+    @cached_property
+    def white(self) -> NDArray[np.float64]:
+        """Skewness of white noise on the posts of a footprint."""
+        posts = disc(SPACING_M, self.sigma_m, by_beam=bool(self.plan.chunks[0].given["by_beam"]))
+        return white_skewness(posts, SPACING_M, WHITE, Draws(self.plan.seed, 0).stream("white"))
+
+    @cached_property
+    def skewness(self) -> dict[str, Skewness]:
+        """By kind of ground: level fractals, each terrain once; the terrain model."""
+        level = np.array([chunk.given.get("tilt_deg") == 0.0 for chunk in self.plan.chunks])
+        parts = {"fractals": (self.fractals, level[self.fractals.chunk])}
+        if self.terrain is not None:
+            parts["terrain"] = (self.terrain, np.ones(self.terrain.size, dtype=np.bool_))
+        low, high = np.quantile(self.white, (0.005, 0.995))
+        found = {}
+        for name, (seen, at) in parts.items():
+            values = seen.skewness[at]
+            outside = ((values < low) | (values > high)).astype(np.float64)
+            share, u = mean_of(outside, seen.ground[at])
+            found[name] = Skewness(values, float(np.sqrt(np.mean(values**2))), share, u)
+        return found
+
+    # ---- shape
+
+    @cached_property
+    def shapes(self) -> dict[str, Shape]:
+        """Residuals by case."""
+        return {case: shape(self.everything, number) for number, case in enumerate(CASES)}
+
+    @cached_property
+    def powers(self) -> dict[str, Power | None]:
+        """Rough against smooth, by case."""
+        stream = Draws(self.plan.seed, 0).stream("bootstrap")
+        return {case: power(self.everything, number, 0, stream) for number, case in enumerate(CASES)}
+
+    @cached_property
+    def slopes(self) -> dict[str, NDArray[np.float64]]:
+        """Slopes of the ground by that of the best pulse, without noise."""
+        return slopes_by_library(self.everything, 0)
+
+    @cached_property
+    def slope_bias_deg(self) -> tuple[float, float]:
+        """Mean of the library's slope less that of the ground, without noise, over the fractals."""
+        return mean_of(*self._slope_errors)
+
+    @cached_property
+    def slope_lower(self) -> tuple[float, float]:
+        """Share of footprints whose best pulse has less than the slope of the ground."""
+        error_deg, ground = self._slope_errors
+        return mean_of((error_deg < 0).astype(np.float64), ground)
+
+    @cached_property
+    def _slope_errors(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        seen = self.fractals
+        serves = (seen.width_s[0, 0] > 0) & (seen.slope_deg < self.library.slope_deg.max() - 1)
+        return seen.library_deg[0, 0][serves] - seen.slope_deg[serves], seen.ground[serves]
+
+    @cached_property
+    def example(self) -> dict[str, NDArray[Any]]:
+        """The footprint of the eleven fractals with the largest residual without noise."""
+        own = [
+            one
+            for chunk, one in zip(self.plan.chunks, self.chunks, strict=True)
+            if chunk.name.startswith("fractal") and "example_msr_v2" in one
+        ]
+        return max(own, key=lambda one: float(one["example_msr_v2"]))
+
+    def beyond_noise(self, case: str) -> int:
+        """Samples of the example more than two standard deviations of the noise off its best pulse."""
+        off_v = np.abs(self.example["example_samples_v"] - self.example["example_best_v"])
+        return int((off_v > 2 * self.noise_v[case]).sum())
+
+    # ---- altitudes and regions
+
+    @cached_property
+    def reaches(self) -> tuple[Reach, ...]:
+        """Rough against smooth by night, by reflectance and altitude."""
+        stream, found = Draws(self.plan.seed, 1).stream("bootstrap"), []
+        for altitude_m in self.altitudes_m:
+            seen = gathered(self._at(altitude_m), self._results_at(altitude_m), "altitude")
+            assert seen is not None
+            for number, reflectance in enumerate(REFLECTANCES):
+                found.append(Reach(altitude_m, reflectance, power(seen, 0, number, stream)))
+        return tuple(sorted(found, key=lambda one: (one.reflectance, one.altitude_m)))
+
+    @property
+    def altitudes_m(self) -> list[float]:
+        """From which rough and smooth ground were compared."""
+        return sorted(
+            {self._altitude(one.name) for one in self.plan.chunks if one.name.startswith("altitude")}
+        )
+
+    def _altitude(self, name: str) -> float:
+        return float(name.split(" ")[1])
+
+    def _at(self, altitude_m: float) -> CampaignPlan:
+        return replace(self.plan, chunks=tuple(self.plan.chunks[at] for at in self._places(altitude_m)))
+
+    def _results_at(self, altitude_m: float) -> list[dict[str, NDArray[Any]]]:
+        return [self.chunks[at] for at in self._places(altitude_m)]
+
+    def _places(self, altitude_m: float) -> list[int]:
+        return [
+            at
+            for at, one in enumerate(self.plan.chunks)
+            if one.name.startswith("altitude") and self._altitude(one.name) == altitude_m
+        ]
+
+    def highest_m(self, reflectance: float, how: str) -> tuple[float | None, str]:
+        """Return the altitude up to which the shape tells roughness, and how that is known.
+
+        Linear between altitudes with enough footprints. Status "ok"; "not reached": not even from the lowest;
+        "beyond": from all of them; "too_few": no altitude has enough.
+        """
+        rows = [
+            (one.altitude_m, one.power.share if how == "single" else one.power.separation)
+            for one in self.reaches
+            if one.reflectance == reflectance and one.power is not None
+        ]
+        least = LIMITS[how]
+        if not rows:
+            return None, "too_few"
+        if rows[0][1] < least:
+            return None, "not reached"
+        for (low_m, above), (high_m, below) in itertools.pairwise(rows):
+            if below < least:
+                return low_m + (above - least) / (above - below) * (high_m - low_m), "ok"
+        return rows[-1][0], "beyond"
+
+    @cached_property
+    def trials(self) -> dict[str, Trial]:
+        """Regional estimates of terrains by the other sets, by night and by day."""
+        seen = joined([self.fractals, self._of("extra")])
+        numbers = [re.search(r"set (\d+)", one.name) for one in self.plan.chunks]
+        sets = np.array([-1 if one is None else int(one[1]) for one in numbers])
+        return {case: trial(seen, sets[seen.chunk], CASES.index(case)) for case in CASES[1:]}

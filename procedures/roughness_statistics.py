@@ -1,0 +1,140 @@
+"""Footprints of a roughness campaign as columns, and shares, means and quantiles of them with uncertainties.
+
+Footprints on one terrain share its relief, and those of a grid may touch: the uncertainty of a share or mean
+is that between terrains (a ratio of sums over clusters), not that of single footprints.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from belahil.campaign_run import CampaignPlan
+
+    Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprints:
+    """Footprints as columns, arrays of shape (n,) or (reflectances, cases, n).
+
+    Parameters
+    ----------
+    chunk : ndarray of int64
+        From which chunk.
+    ground : ndarray of int64
+        On which relief: that of a terrain is the same at every tilt.
+    slope_deg, roughness_m, skewness, raw_skewness : ndarray of float64
+        Of the ground.
+    width_s, amplitude, msr_v2, pulse_msr_v2, library_deg : ndarray of float64
+        Of the echo, by reflectance and case; zero width where it was not detected.
+    """
+
+    chunk: NDArray[np.int64]
+    ground: NDArray[np.int64]
+    slope_deg: NDArray[np.float64]
+    roughness_m: NDArray[np.float64]
+    skewness: NDArray[np.float64]
+    raw_skewness: NDArray[np.float64]
+    width_s: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    msr_v2: NDArray[np.float64]
+    pulse_msr_v2: NDArray[np.float64]
+    library_deg: NDArray[np.float64]
+
+    @property
+    def size(self) -> int:
+        """How many."""
+        return self.chunk.size
+
+    def near(self, case: int, slope_deg: float, within_deg: float, reflectance: int = 0) -> Mask:
+        """Detected footprints whose best pulse has a slope."""
+        off = np.abs(self.library_deg[reflectance, case] - slope_deg)
+        return np.asarray((self.width_s[reflectance, case] > 0) & (off <= within_deg))
+
+
+COLUMNS = ("slope_deg", "roughness_m", "skewness", "raw_skewness")
+ECHOES = ("width_s", "amplitude", "msr_v2", "pulse_msr_v2", "library_deg")
+
+
+def gathered(plan: CampaignPlan, results: Sequence[dict[str, NDArray[Any]]], kind: str) -> Footprints | None:
+    """Put footprints together whose chunks have a kind, their first word, out of some parted by |."""
+    found = [
+        (at, results[at])
+        for at, chunk in enumerate(plan.chunks)
+        if chunk.name.split(" ")[0].rstrip(",") in kind.split("|")
+    ]
+    if not found:
+        return None
+    chunk = np.concatenate([np.full(one["slope_deg"].size, at) for at, one in found])
+    ground = np.concatenate(
+        [np.full(one["slope_deg"].size, _ground(plan.chunks[at].given, at)) for at, one in found]
+    )
+    plain = (np.concatenate([one[name] for _, one in found]) for name in COLUMNS)
+    deep = (np.concatenate([one[name] for _, one in found], axis=2) for name in ECHOES)
+    return Footprints(chunk, ground, *plain, *deep)
+
+
+def _ground(given: Mapping[str, Any], at: int) -> int:
+    """The seed of a fractal; each strip of a terrain model for itself."""
+    return int(given["ground_seed"] + given["level"]) if "level" in given else -1 - at
+
+
+def joined(parts: Sequence[Footprints]) -> Footprints:
+    """Several collections as one."""
+    names = Footprints.__slots__
+    return Footprints(*(np.concatenate([getattr(one, name) for one in parts], axis=-1) for name in names))
+
+
+def mean_of(values: NDArray[np.float64], cluster: NDArray[np.int64]) -> tuple[float, float]:
+    """Return a mean and its standard uncertainty, from the scatter between clusters.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (n,)
+        n at least 1; booleans for a share.
+    cluster : ndarray of int64, shape (n,)
+        Which of them belong together.
+
+    Notes
+    -----
+    The variance of a ratio of sums over clusters (Cochran 1977, eq. 6.13), with a cluster for each terrain.
+    With a single cluster, and where all values are alike, it is that of independent values, where a share of
+    0 or 1 counts as half a value away from it.
+    """
+    mean, count = float(np.mean(values)), values.size
+    _, number = np.unique(cluster, return_inverse=True)
+    clusters = int(number.max()) + 1
+    rest = np.bincount(number, values - mean, clusters)
+    if clusters > 1 and np.any(rest):
+        return mean, math.sqrt(clusters / (clusters - 1) * float(rest @ rest)) / count
+    spread = float(np.std(values)) or math.sqrt(0.5 / count)
+    return mean, spread / math.sqrt(count)
+
+
+def cumulative(values: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of values at or below each level."""
+    return np.searchsorted(np.sort(values), levels, side="right") / max(values.size, 1)
+
+
+def quantile_of(
+    values: NDArray[np.float64], cluster: NDArray[np.int64], share: float, stream: np.random.Generator
+) -> tuple[float, float]:
+    """Return a quantile and its standard uncertainty, by a bootstrap of clusters."""
+    names = np.unique(cluster)
+    groups = [values[cluster == one] for one in names]
+    drawn = [
+        np.quantile(
+            np.concatenate([groups[at] for at in stream.integers(names.size, size=names.size)]), share
+        )
+        for _ in range(200)
+    ]
+    return float(np.quantile(values, share)), float(np.std(drawn))

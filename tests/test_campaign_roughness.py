@@ -1,0 +1,377 @@
+"""Roughness campaigns: statistics with known answers, width and shape over known ground, and the command."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from belahil.cli.main import main
+from belahil.errors import RefusedInput
+from procedures.campaign_roughness import ALTITUDES_M, FACTORS, TILTS_DEG, RoughnessOptions, plan
+from procedures.pulse_library import pulse_library
+from procedures.range_scenes import base_scene
+from procedures.roughness_chunks import footprints, library_of, noise_rms_v, over_fractal
+from procedures.roughness_region import GRID_M, Simulated, estimate, trial
+from procedures.roughness_shape import LEVELS_V2, power, shape
+from procedures.roughness_statistics import Footprints, cumulative, joined, mean_of, quantile_of
+from procedures.roughness_width import FWHM_OF_SIGMA, flat_width_s, terms_s, width_roughness
+from procedures.study_ground import LEVELS
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
+from sim.draws import Draws
+from sim.scene import as_toml
+from sim.terrain import Surface, tilted
+from sim.terrain_grid import Grid
+
+SCENE = as_toml(base_scene())
+
+
+def flat_ground(slope_deg: float, azimuth_deg: float = 0.0, posts: int = 101) -> Grid:
+    half_m = 0.75 * (posts - 1)
+    level = Surface("dtm", relief=Grid(np.zeros((posts, posts)), 1.5, -half_m, -half_m))
+    found = tilted(level, slope_deg, azimuth_deg).relief
+    assert isinstance(found, Grid)
+    return found
+
+
+def made(
+    roughness_m: np.ndarray, msr_v2: np.ndarray, ground: np.ndarray, library_deg: float = 10.0
+) -> Footprints:
+    """Footprints with given residuals in one case."""
+    one = np.ones(roughness_m.size)
+    row = one[None, None, :]
+    return Footprints(
+        ground, ground, 10 * one, roughness_m, 0 * one, 0 * one,
+        30e-9 * row, row, msr_v2[None, None, :], msr_v2[None, None, :], library_deg * row,
+    )  # fmt: skip
+
+
+# ---- statistics
+
+
+def test_a_mean_over_clusters_is_as_uncertain_as_the_clusters_scatter() -> None:
+    # given 40 clusters of 25 equal values each
+    draws = np.random.default_rng(3)
+    values, cluster = np.repeat(draws.standard_normal(40), 25), np.repeat(np.arange(40), 25)
+
+    mean, u = mean_of(values, cluster)
+
+    # then 25 equal values are worth one
+    assert mean == pytest.approx(values.mean())
+    assert u == pytest.approx(values[::25].std(ddof=1) / math.sqrt(40), rel=1e-12)
+    # and strangers are worth themselves
+    assert mean_of(values, np.zeros(values.size))[1] == pytest.approx(values.std() / math.sqrt(1000))
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_share_of_nothing_or_all_is_not_known_exactly(value: float) -> None:
+    mean, u = mean_of(np.full(50, value), np.arange(50) % 5)
+
+    assert (mean, u) == (value, pytest.approx(0.1 / math.sqrt(50)))
+
+
+def test_cumulative_shares_and_quantiles() -> None:
+    values = np.arange(1.0, 101.0)
+
+    assert cumulative(values, np.array([0.5, 1.0, 50.0, 200.0])).tolist() == [0.0, 0.01, 0.5, 1.0]
+    middle, u = quantile_of(values, np.arange(100), 0.5, np.random.default_rng(1))
+    assert middle == 50.5
+    # The median of n uniform values: sqrt(1/4/n) of their span, to the 20 % that 200 draws and steps allow.
+    assert u == pytest.approx(100 * math.sqrt(0.25 / 100), rel=0.25)
+
+
+def test_shape_sorts_residuals_by_roughness() -> None:
+    draws = np.random.default_rng(2)
+    rough = np.repeat([0.05, 0.5, 1.0], 200)
+    msr = np.concatenate(
+        [np.full(200, 1e-8), np.full(200, 5e-7), draws.choice([0.5e-6, 2e-6], 200, p=(0.8, 0.2))]
+    )
+
+    one = shape(made(rough, msr, np.arange(600) % 10), 0)
+
+    assert one.counts.tolist() == [200, 200, 200]
+    assert [above[0] if above else None for above in one.above][:2] == [0.0, 0.0]
+    assert one.above[2] is not None
+    assert one.above[2][0] == pytest.approx((msr[400:] > 1e-6).mean())
+    assert one.contours_v2[:, 0] == pytest.approx(1e-8)
+    assert np.isnan(one.contours_v2[0, 1])
+    assert one.curves[0][np.searchsorted(LEVELS_V2, 1.1e-8)] == 1.0
+
+
+def test_power_is_chance_where_roughness_does_not_matter() -> None:
+    draws = np.random.default_rng(8)
+    rough = np.where(np.arange(6000) % 3 == 0, 1.0, 0.05)
+    msr = np.exp(draws.standard_normal(6000))
+
+    one = power(made(rough, msr, np.arange(6000) % 12), 0, 0, np.random.default_rng(1))
+
+    assert one is not None
+    assert one.share == pytest.approx(0.01, abs=4 * one.share_u)
+    assert abs(one.separation) < 4 * one.separation_u
+    # and everything where all rough residuals are larger
+    more = power(made(rough, msr + 100 * (rough > 0.5), np.arange(6000) % 12), 0, 0, np.random.default_rng(1))
+    assert more is not None
+    assert more.share == 1.0
+    assert more.separation > 10
+
+
+def test_power_needs_enough_of_both() -> None:
+    few = made(np.full(150, 0.05), np.ones(150), np.arange(150))
+
+    assert power(few, 0, 0, np.random.default_rng(1)) is None
+
+
+# ---- width
+
+
+@pytest.fixture(scope="module")
+def library():  # type: ignore[no-untyped-def]
+    return library_of(SCENE)
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 7.5, 20.0])
+def test_the_terms_of_the_width_add_up(library, slope_deg: float) -> None:  # type: ignore[no-untyped-def]
+    terms = terms_s(base_scene(), library, slope_deg)
+
+    parts = sum(terms[name] ** 2 for name in ("transmitted", "beam", "slope", "filter"))
+    assert terms["observed"] == pytest.approx(math.sqrt(parts), rel=1e-12)
+    # 12.5 urad from 500 km are 6.25 m rms
+    expected_s = 2 * 6.25 * math.tan(math.radians(slope_deg)) / SPEED_OF_LIGHT_M_PER_S
+    assert terms["slope"] == pytest.approx(expected_s, rel=1e-3)
+
+
+@pytest.mark.parametrize("slope_deg", [3.3, 12.0, 25.0])
+def test_flat_ground_has_no_roughness_by_width(library, slope_deg: float) -> None:  # type: ignore[no-untyped-def]
+    # given planes with 25 footprints
+    found = footprints(SCENE, flat_ground(slope_deg), 5, ["free"], [0.17], False, Draws(1, 1))
+    assert found["roughness_m"].max() < 1e-9
+
+    # then the width is that of the library, but for the place between two samples, 2 ns or so
+    assert found["width_s"][0, 0].mean() == pytest.approx(
+        float(flat_width_s(library, np.array([slope_deg]))[0]), abs=0.4e-9
+    )
+
+
+def test_white_relief_has_its_roughness_by_width() -> None:
+    # given relief that is white noise, for which the formula was made
+    draws = np.random.default_rng(11)
+    level = flat_ground(10.0, posts=121)
+    rough = Grid(
+        level.values + 0.8 * draws.standard_normal(level.values.shape), 1.5, level.x_min_m, level.y_min_m
+    )
+    found = footprints(SCENE, rough, 12, ["free"], [0.17], False, Draws(1, 2))
+    seen = Footprints(
+        np.arange(144), np.arange(144), found["slope_deg"], found["roughness_m"], found["skewness"],
+        found["raw_skewness"], found["width_s"], found["amplitude"], found["msr_v2"], found["pulse_msr_v2"],
+        found["library_deg"],
+    )  # fmt: skip
+
+    width = width_roughness(seen, library_of(SCENE), 0)
+
+    # then the mean of its squares is that of the ground, times what the fit makes of any wider light: the
+    # derivative of the square of flat slopes' widths
+    near = np.array([9.5, 10.5])
+    wider = np.diff(flat_width_s(library_of(SCENE), near) ** 2) / FWHM_OF_SIGMA**2
+    light = np.diff([terms_s(base_scene(), library_of(SCENE), slope)["slope"] ** 2 for slope in near])
+    mean, u = mean_of(width.observed_s2, seen.chunk)
+    assert 0.7 < float(wider[0] / light[0]) < 0.95
+    assert mean == pytest.approx(width.ground_s2.mean() * float(wider[0] / light[0]), abs=4 * u)
+    assert u < 0.05 * mean
+    assert width.ground_s2.mean() == pytest.approx((2 * 0.8 / SPEED_OF_LIGHT_M_PER_S) ** 2, rel=0.05)
+
+
+def test_the_width_of_a_gaussian() -> None:
+    assert pytest.approx(2.3548, abs=1e-4) == FWHM_OF_SIGMA
+
+
+# ---- shape over ground that is known
+
+
+@pytest.mark.parametrize(("slope_deg", "altitude_m"), [(10.0, 500e3), (17.0, 500e3), (10.0, 800e3)])
+def test_flat_ground_is_found_in_its_library(slope_deg: float, altitude_m: float) -> None:
+    scene = as_toml(base_scene(altitude_m))
+    found = footprints(
+        scene, flat_ground(slope_deg, 20.0, 161), 3, ["free", "night"], [0.17], False, Draws(2, 1)
+    )
+
+    # then without noise the slope is the library's and nothing but the tolerance of the echoes is left
+    assert np.all(found["library_deg"][0, 0] == slope_deg)
+    assert found["msr_v2"][0, 0].max() < 1e-9
+    assert found["amplitude"][0, 0] == pytest.approx(1.0, abs=2e-3)
+    # and by night what is left is the noise, three of whose 42 degrees of freedom were fitted
+    noise_v2 = noise_rms_v(base_scene(altitude_m), "night", 0.17) ** 2
+    assert 0.5 < found["msr_v2"][0, 1].mean() / (noise_v2 * 39 / 42) < 1.6
+
+
+def test_a_darker_ground_gives_a_fainter_pulse() -> None:
+    found = footprints(SCENE, flat_ground(10.0), 3, ["free"], [0.17, 0.34, 0.085], False, Draws(1, 1))
+
+    assert found["amplitude"][:, 0].mean(axis=1) == pytest.approx([1.0, 2.0, 0.5], rel=2e-3)
+
+
+def test_a_cliff_leaves_what_no_slope_explains() -> None:
+    # given level ground, and the same with a cliff of 4 m through the footprint
+    level = flat_ground(0.0)
+    x_m, _ = level.posts()
+    cliff = Grid(
+        np.broadcast_to(np.where(x_m > 0, 4.0, 0.0), level.values.shape), 1.5, level.x_min_m, level.y_min_m
+    )
+
+    flat, broken = (footprints(SCENE, one, 1, ["free"], [0.17], False, Draws(1, 1)) for one in (level, cliff))
+
+    assert flat["msr_v2"][0, 0, 0] < 1e-9
+    assert broken["msr_v2"][0, 0, 0] > 1e-7
+    assert broken["pulse_msr_v2"][0, 0, 0] > broken["msr_v2"][0, 0, 0]
+    assert broken["example_msr_v2"] == broken["msr_v2"][0, 0, 0]
+    left = broken["example_samples_v"] - broken["example_best_v"]
+    assert float(np.mean(left**2)) == pytest.approx(float(broken["example_msr_v2"]), rel=1e-9)
+
+
+def test_higher_ground_is_rougher_in_proportion() -> None:
+    one, other = (
+        over_fractal(SCENE, 9, factor, 100, 0.0, 4, ["free"], [0.17], False, 1, 1) for factor in (1.0, 2.0)
+    )
+
+    assert other["roughness_m"] == pytest.approx(2 * one["roughness_m"], rel=1e-9)
+    assert other["skewness"] == pytest.approx(one["skewness"], abs=1e-9)
+
+
+# ---- regions
+
+
+def region_truth(draws: np.random.Generator, middle_m: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Footprints of a region, residuals with a noise of 20 % about a law of roughness."""
+    rough = middle_m * np.exp(0.25 * draws.standard_normal(count))
+    return rough, 0.6e-6 * (1 + (rough / 0.9) ** 2) * np.exp(0.2 * draws.standard_normal(count))
+
+
+def test_intervals_of_regions_hold_what_they_promise() -> None:
+    # given regions of 0.02 to 1 m, in two sets
+    draws = np.random.default_rng(21)
+    parts = [region_truth(draws, middle, 150) for middle in np.tile(np.geomspace(0.02, 1.0, 30), 2)]
+    ground = np.repeat(np.arange(60), 150)
+    seen = made(*(np.concatenate(one) for one in zip(*parts, strict=True)), ground)
+
+    found = trial(seen, ground // 30, 0)
+
+    # then 68 and 95 % of the truths lie inside, to what 60 regions tell, or more: there is a lowest roughness
+    assert found.truth_m.size == 60
+    assert 0.68 - 3 * math.sqrt(0.68 * 0.32 / 60) < found.inside("inside_68_m").mean()
+    assert 0.95 - 3 * math.sqrt(0.95 * 0.05 / 60) < found.inside("inside_95_m").mean()
+    # and rough ones are told from smooth ones
+    rough = found.truth_m > 0.7
+    assert np.median([one.roughness_m for one, at in zip(found.found, rough, strict=True) if at]) > 0.5
+    assert all(
+        one.inside_95_m[1] < 0.5 for one, at in zip(found.found, found.truth_m < 0.1, strict=True) if at
+    )
+
+
+def test_smooth_ground_has_an_upper_limit_only() -> None:
+    draws = np.random.default_rng(5)
+    parts = [region_truth(draws, middle, 200) for middle in np.geomspace(0.02, 1.0, 20)]
+    simulated = Simulated(
+        *(np.concatenate(one) for one in zip(*parts, strict=True)), np.repeat(np.arange(20), 200)
+    )
+
+    smooth = estimate(simulated, np.full(300, 0.55e-6))
+    rough = estimate(simulated, region_truth(draws, 0.8, 300)[1])
+
+    assert smooth.inside_95_m[0] < 1.02 * GRID_M[0]
+    assert smooth.inside_95_m[1] < 0.4
+    assert rough.inside_95_m[0] < 0.8 < rough.inside_95_m[1]
+    assert rough.inside_68_m[1] / rough.inside_68_m[0] < rough.inside_95_m[1] / rough.inside_95_m[0]
+
+
+def test_collections_are_joined() -> None:
+    one = made(np.ones(3), np.ones(3), np.arange(3))
+
+    both = joined([one, one])
+
+    assert both.size == 6
+    assert both.msr_v2.shape == (1, 1, 6)
+
+
+# ---- plan and command
+
+
+def test_a_plan_gives_each_relief_a_seed_of_its_own() -> None:
+    chunks = plan(RoughnessOptions()).chunks
+
+    assert len({one.key for one in chunks}) == len(chunks)
+    reliefs = {
+        (one.given["ground_seed"] + one.given["level"], one.given["height_factor"])
+        for one in chunks
+        if one.name.startswith(("fractal", "extra"))
+    }
+    # two sets of eleven and of the rougher ones, each at two tilts
+    assert len(reliefs) == 2 * (LEVELS + len(FACTORS))
+    assert len({seed for seed, _ in reliefs}) == len(reliefs)
+    assert sum(one.name.startswith("altitude") for one in chunks) == 12 * len({*ALTITUDES_M, 500e3})
+    footprint_count = sum(
+        one.given["per_side"] ** 2
+        for one in chunks
+        if one.name.startswith("fractal") and one.given["tilt_deg"] == 0
+    )
+    assert footprint_count >= 9801
+    assert TILTS_DEG[0] == 0.0
+
+
+def test_a_terrain_model_is_cut_into_strips(tmp_path: Path) -> None:
+    scene = tmp_path / "ground.toml"
+    scene.write_text('[surface]\nkind = "fractal"\nextent_m = 900.0\nspacing_m = 3.0\n')
+
+    chunks = plan(RoughnessOptions(terrain=str(scene), altitudes=False)).chunks
+
+    strips = [one.given["rows"] for one in chunks if one.name.startswith("terrain")]
+    assert strips[0][0] == 0
+    assert strips[-1][1] == 301
+    # each strip begins where the footprints of the one before end
+    assert all(low[1] > high[0] for low, high in itertools.pairwise(strips))
+
+
+@pytest.mark.parametrize(
+    "given", [{"altitude_m": 99e3}, {"sets": 1}, {"per_side": 1}, {"seed": -1}, {"ground_seed": -1}]
+)
+def test_an_option_outside_its_range_is_refused(given: dict[str, float]) -> None:
+    with pytest.raises(RefusedInput):
+        RoughnessOptions(**given)  # type: ignore[arg-type]
+
+
+def test_the_library_of_a_lopsided_beam_has_its_azimuths() -> None:
+    scene = base_scene()
+    scene = structs.replace(scene, laser=structs.replace(scene.laser, beam="elliptical", ellipticity=0.2))
+
+    assert pulse_library(scene, (10.0,)).azimuth_deg.size == 4
+
+
+@pytest.mark.slow
+def test_the_command_keeps_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [
+        "campaign",
+        "roughness",
+        "--per-side",
+        "8",
+        "--no-altitudes",
+        "--workers",
+        "1",
+        "--quiet",
+        "--json",
+    ]
+
+    assert main([*words, "--out", str(tmp_path / "run")]) == 0
+
+    results = json.loads(capsys.readouterr().out)["results"]
+    assert results["footprints"]["fractals"] == 2 * 2 * 11 * 64
+    assert 0.1 < results["width"]["share_negative"]["value"] < 0.6
+    assert results["skewness"]["fractals"]["spread"] > 1.5 * results["skewness"]["white_noise_spread"]
+    assert results["reach"] is None
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(tmp_path / "run" / "data.nc") as data:
+        assert data["msr_v2_night"].shape == (results["footprints"]["all"],)
+    for name in ("width", "skewness", "library", "shape", "reach"):
+        assert (tmp_path / "run" / f"figure-{name}.png").stat().st_size > 10_000
