@@ -211,7 +211,7 @@ def even_places(
                 f"{margin_m:.4g} m on either side"
             )
         count = per_side or 1 + int(room * relief.spacing_m / apart_m)
-        ends = (margin, size - 1 - margin) if count > 1 else ((size - 1) // 2,) * 2
-        found.append(np.round(np.linspace(*ends, count)).astype(np.int64))
+        low, high = (margin, size - 1 - margin) if count > 1 else ((size - 1) // 2, (size - 1) // 2)
+        found.append(np.round(np.linspace(low, high, count)).astype(np.int64))
     row, column = np.meshgrid(*found, indexing="ij")
     return row.ravel(), column.ravel()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from procedures.echo_hits import echo_hits
+from procedures.echo_hits import FALSE_M, corrected_m
 from procedures.footprint_moments import described, disc, even_places
 from procedures.local_draws import local_draws
 from procedures.pulse_library import best_matches, pulse_library
@@ -25,6 +25,7 @@ from sim.chain import Chain
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.draws import Draws
 from sim.laser import beam_sigma_m
+from sim.rfm import loops
 from sim.scene import parse_scene
 from sim.terrain import Surface, tilted
 from sim.terrain_dtm import levelled
@@ -33,9 +34,10 @@ from sim.terrain_grid import Grid
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from procedures.echo_hits import EchoHits
+    from belahil.delay_curve import DelayCurve
     from procedures.local_draws import LocalDraws
     from procedures.pulse_library import Matches, PulseLibrary
+    from sim.rfm import RangeFinder
     from sim.scene import Scene
 
 CASES = ("free", "night", "day")
@@ -166,7 +168,7 @@ def footprints(
     chain = Chain(read, Accuracy(TOLERANCE), Surface("dtm", relief=relief, albedo=1.0))
     curve, finder = correction(read), chain.range_finder
     at = _places(relief, row, column, light_m)
-    drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), finder.bank.reach, draws)
+    drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws)
     step_v = chain.receiver.quantizer.volts_per_count
     shape = (len(reflectances), len(cases), row.size)
     results = {
@@ -175,11 +177,11 @@ def footprints(
     example: dict[str, NDArray[Any]] = {}
     for first, second in np.ndindex(*shape[:2]):
         windows = _windows(read, drawn, cases[second], reflectances[first], step_v)
-        hits = echo_hits(drawn, windows, finder, curve)
-        cut = _cut(windows, drawn, hits, finder.correlation_window_samples)
+        centre, width = _detected(windows, drawn, finder, curve)
+        cut = _cut(windows, drawn, np.where(width > 0, centre, drawn.middle), finder)
         matched = best_matches(library_of(scene), *cut)
-        there = hits.hit[:, 0]
-        results["width_s"][first, second] = np.where(there, hits.width_s[:, 0], 0.0)
+        there = width > 0
+        results["width_s"][first, second] = drawn.interval_s * width
         results["msr_v2"][first, second] = matched.msr_v2
         results["pulse_msr_v2"][first, second] = _pulse_msr_v2(library_of(scene), cut, matched)
         results["library_deg"][first, second] = library_of(scene).slope_deg[matched.pulse]
@@ -209,12 +211,29 @@ def noise_rms_v(scene: Scene, case: str, reflectance: float) -> float:
     )
 
 
-def _cut(
-    windows: NDArray[np.float64], drawn: LocalDraws, hits: EchoHits, size: int
+def _detected(
+    windows: NDArray[np.float64], drawn: LocalDraws, finder: RangeFinder, curve: DelayCurve
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Correlation windows about the hits, and where the Gaussians are in them, s from the first sample."""
-    centre = (hits.arrival_s[:, 0] + drawn.true_s - drawn.first_s) / drawn.interval_s
-    centre = np.where(hits.hit[:, 0], centre, drawn.middle)
+    """Centre and width of the candidate nearest to the truth, samples; 0 where that is more than 10 m off."""
+    use, found = loops(), np.zeros((len(windows), 2))
+    for row, volts, first_s, true_s in zip(found, windows, drawn.first_s, drawn.true_s, strict=True):
+        lags = use.find(volts, 0.0, finder.bank, finder.candidate_count, finder.exclusion_samples)
+        if not lags.size:
+            continue
+        size, steps = finder.correlation_window_samples, finder.refinement_steps
+        pulses = use.refine(volts, 0.0, lags, finder.bank.widths, size, steps)[:, :2]
+        arrival_s = first_s - true_s + drawn.interval_s * pulses[:, 0]
+        off_m = np.abs(corrected_m(curve, arrival_s, drawn.interval_s * pulses[:, 1]))
+        if off_m.min() <= FALSE_M:
+            row[:] = pulses[np.argmin(off_m)]
+    return found[:, 0], found[:, 1]
+
+
+def _cut(
+    windows: NDArray[np.float64], drawn: LocalDraws, centre: NDArray[np.float64], finder: RangeFinder
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Correlation windows about pulses, and where the pulses are in them, s from the first sample."""
+    size = finder.correlation_window_samples
     first = np.clip(np.round(centre).astype(np.int64) - size // 2, 0, windows.shape[1] - size)
     samples = np.take_along_axis(windows, first[:, None] + np.arange(size), axis=1)
     return samples, drawn.interval_s * (centre - first)

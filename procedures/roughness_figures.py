@@ -52,7 +52,7 @@ def width_figure(found: RoughnessResults) -> Figure:
     right.set_ylim(0, 60)
     right.set_xticks((0.02, 0.05, 0.1, 0.2, 0.5), ("0.02", "0.05", "0.1", "0.2", "0.5"))
     right.minorticks_off()
-    right.set_xlabel("roughness of the ground, m")
+    right.set_xlabel("roughness of the ground, m", loc="left")
     right.set_ylabel("negative squares, %")
     share, u = width.share_negative
     right.set_title(f"(b) negative: {100 * share:.0f}({100 * u:.0f}) % of all", loc="left", fontsize=10)
@@ -86,7 +86,7 @@ def skewness_figure(found: RoughnessResults) -> Figure:
         lw=1.6,
         label=f"white noise, rms {found.white.std():.2f}",
     )
-    axes.set_xlabel("skewness")
+    axes.set_xlabel("skewness", loc="left")
     axes.set_ylabel("density")
     axes.legend(fontsize=9)
     return figure
@@ -156,7 +156,7 @@ def _slopes(axes: Axes, found: RoughnessResults) -> None:
     curve = np.polynomial.Polynomial.fit(best, mean, 3, w=1 / np.maximum(u, 0.05))
     axes.plot(best, curve(best), "r", lw=1.8, label="polynomial through means")
     axes.plot((0, 40), (0, 40), "k:", lw=1, label="one to one")
-    axes.set_xlabel("slope of the best pulse, deg")
+    axes.set_xlabel("slope of the best pulse, deg", loc="left")
     axes.set_ylabel("slope of the ground, deg")
     bias, bias_u = found.slope_bias_deg
     axes.set_title(f"(c) best pulse less ground: {bias:+.2f}({bias_u:.2f}) deg", loc="left", fontsize=10)
@@ -187,7 +187,7 @@ def shape_figure(found: RoughnessResults) -> Figure:
         row[0].legend(fontsize=8, loc="upper left" if case == "free" else "lower right")
         _map(row[1], found, case, low)
     for axes in grid[-1]:
-        axes.set_xlabel("MSR, mV$^2$" if axes is grid[-1, 0] else "roughness of the ground, m")
+        axes.set_xlabel("MSR, mV$^2$" if axes is grid[-1, 0] else "roughness of the ground, m", loc="left")
     return figure
 
 
@@ -272,7 +272,7 @@ def _regions(axes: Axes, found: RoughnessResults) -> None:
     axes.plot((0.01, 2), (0.01, 2), "k:", lw=1)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel("roughness of the terrain, m")
+    axes.set_xlabel("roughness of the terrain, m", loc="left")
     axes.set_ylabel("estimate, m")
     axes.set_title("(c) regions", loc="left", fontsize=10)
     axes.legend(fontsize=8, loc="upper left")

@@ -106,18 +106,17 @@ def mean_of(values: NDArray[np.float64], cluster: NDArray[np.int64]) -> tuple[fl
 
     Notes
     -----
-    The variance of a ratio of sums over clusters (Cochran 1977, eq. 6.13), with a cluster for each terrain.
-    With a single cluster, and where all values are alike, it is that of independent values, where a share of
-    0 or 1 counts as half a value away from it.
+    The variance of a ratio of sums over clusters (Cochran 1977, eq. 6.13), a cluster for each terrain. Or
+    that of independent values where it is larger: few clusters tell their own scatter badly. Where all values
+    are alike a share of 0 or 1 counts as half a value away from it.
     """
     mean, count = float(np.mean(values)), values.size
     _, number = np.unique(cluster, return_inverse=True)
     clusters = int(number.max()) + 1
     rest = np.bincount(number, values - mean, clusters)
-    if clusters > 1 and np.any(rest):
-        return mean, math.sqrt(clusters / (clusters - 1) * float(rest @ rest)) / count
+    among = math.sqrt(clusters / (clusters - 1) * float(rest @ rest)) / count if clusters > 1 else 0.0
     spread = float(np.std(values)) or math.sqrt(0.5 / count)
-    return mean, spread / math.sqrt(count)
+    return mean, max(among, spread / math.sqrt(count))
 
 
 def cumulative(values: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.float64]:
