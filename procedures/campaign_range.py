@@ -47,6 +47,8 @@ class RangeOptions:
         Of all draws; the ground has one of its own.
     ground_seed : int
         Of the fractals.
+    terrain : str or None
+        A GeoTIFF, or a scene over a grid of posts, for a column of its own; None: none.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class RangeOptions:
     shots: int = 100
     seed: int = 1
     ground_seed: int = 100
+    terrain: str | None = None
 
     def __post_init__(self) -> None:
         for name, least in (*_LEAST.items(), ("ground_seed", 0)):

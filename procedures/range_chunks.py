@@ -76,6 +76,7 @@ def echo_draws(
     repeats: int,
     seed: int,
     number: int,
+    tilt: float | None = None,
 ) -> dict[str, NDArray[Any]]:
     """Draw shots about their echoes, for all conditions at once.
 
@@ -95,6 +96,8 @@ def echo_draws(
         Shots for each echo.
     seed, number : int
         Key of the draws.
+    tilt : float or None
+        Of the noise; None: what fits the faintest condition.
 
     Returns
     -------
@@ -111,7 +114,8 @@ def echo_draws(
     finder = chain.range_finder
     drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws, repeats)
     row = autocorrelation(read, drawn.unit.shape[1])
-    drawn = tilted_noise(drawn, row, finder, _tilt(drawn, finder, conditions), draws)
+    moved = _tilt(drawn, finder, conditions) if tilt is None else tilt
+    drawn = tilted_noise(drawn, row, finder, moved, draws)
     linear = linear_errors(drawn, finder, curve, row)
     step_v = chain.receiver.quantizer.volts_per_count
     rows = [

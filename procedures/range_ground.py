@@ -51,12 +51,15 @@ class GroundKey:
         Slope of the plane that is added to each terrain.
     factor : float
         By which heights are multiplied before.
+    digest : str
+        Of a terrain model's content, so that another one under the same name is not taken for it.
     """
 
     kind: str = "fractal"
     seed: int = 100
     tilt_deg: float = 10.0
     factor: float = 1.0
+    digest: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

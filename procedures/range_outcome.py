@@ -2,29 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from belahil.outcome import Outcome, Table
 from procedures.arrival_ground import ROUGHNESS_M
+from procedures.range_cells_told import cells_table, estimate_columns, json_or_none, row_of
 from procedures.range_histograms import histograms
 from procedures.range_parts import HISTOGRAM_ALTITUDES_M
 from procedures.range_scenes import MEAN_REFLECTANCE
 from procedures.range_statistics import CHANCE
 from procedures.range_table import cells, headline
+from procedures.range_variant_outcome import (
+    bias_part,
+    budget_part,
+    columns_part,
+    corrected_part,
+    ladder_part,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from belahil.outcome import Column
     from belahil.values import Estimate
     from procedures.noise_clusters import LevelLaws
     from procedures.range_points import Collected
-    from procedures.range_table import Cell, TableCell
+    from procedures.range_table import TableCell
 
-    Part = tuple[dict[str, Any], dict[str, Table], dict[str, Callable[[], Figure]]]
+    Part = tuple[Any, dict[str, Table], dict[str, Callable[[], Figure]]]
     """Results, tables and figures."""
 
 NOTES = (
@@ -57,11 +64,20 @@ def outcome(found: Collected) -> Outcome:
     results: dict[str, Any] = {"chance_detection": CHANCE}
     tables: dict[str, Table] = {}
     figures: dict[str, Callable[[], Figure]] = {}
-    made = {"table": _headline, "altitude": _altitude, "map": _map}
-    for part, make in made.items():
+    made: dict[str, tuple[str, Callable[[Collected, Mapping[str, LevelLaws]], Part]]] = {
+        "table": ("table", _headline),
+        "altitude": ("altitude", _altitude),
+        "corrections": ("altitude", corrected_part),
+        "map": ("map", _map),
+        "budget": ("budget", budget_part),
+        "ladder": ("ladder", ladder_part),
+        "bias": ("bias", bias_part),
+        "columns": ("columns", columns_part),
+    }
+    for name, (part, make) in made.items():
         if found.of(part):
             told, more, drawn = make(found, laws)
-            results[part] = told
+            results[name] = told
             tables |= more
             figures |= drawn
     return Outcome(results=results, tables=tables, figures=figures, notes=NOTES)
@@ -152,40 +168,18 @@ def _map(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
     return told, {"map_cell": Table(columns, "map_cell")}, {"range-map": lambda: map_figure(labels, rows)}
 
 
-def _json(one: Estimate | None) -> dict[str, float | str] | None:
-    return None if one is None else one.as_json()
-
-
-def row_of(one: Cell) -> dict[str, Any]:
-    """Return a cell as the results show it."""
-    linear = one.linear
-    return {
-        "altitude_m": one.altitude_m,
-        "sun": one.condition.distance,
-        "light": one.condition.light,
-        "reflectance": one.condition.reflectance,
-        "noise_rms_v": one.condition.noise_rms_v,
-        "pfd": one.pfd.as_json(),
-        "error": _json(one.spread),
-        "by_source": {"shape": _json(one.shape), "pointing": _json(one.jitter), "noise": _json(one.noise)},
-        "bias": one.bias.as_json(),
-        "mean_error": _json(one.mean_error),
-        "linear": {
-            "total_m": linear.total_m,
-            "shape_m": linear.shape_m,
-            "pointing_m": linear.jitter_m,
-            "noise_m": linear.noise_m,
-            "snr": linear.snr,
-            "valid": linear.valid,
-        },
-    }
-
-
 def _table_row(one: TableCell) -> dict[str, Any]:
     brute = one.brute
     told = None
     if brute is not None:
-        told = {"shots": brute.shots, "pfd": brute.pfd.as_json(), "error": _json(brute.spread)}
+        mixture = brute.mixture
+        told = {
+            "shots": brute.shots,
+            "pfd": brute.pfd.as_json(),
+            "error": json_or_none(brute.spread),
+            "mixture_pfd": None if mixture is None else mixture.pfd.as_json(),
+            "mixture_error": None if mixture is None else mixture.spread.as_json(),
+        }
     return row_of(one.cell) | {"pfd_conditional": one.conditional.as_json(), "brute": told}
 
 
@@ -203,58 +197,5 @@ def _table(rows: tuple[TableCell, ...]) -> Table:
         ),
     }
     for name, (ones, unit, told) in more.items():
-        columns |= _columns(name, ones, unit, told)
+        columns |= estimate_columns(name, ones, unit, told)
     return Table(columns, "cell")
-
-
-def _columns(name: str, ones: list[Estimate | None], unit: str, told: str) -> dict[str, Column]:
-    missing = [one is None for one in ones]
-    values, uncertainties = (
-        np.ma.masked_array([0.0 if one is None else getattr(one, part) for one in ones], missing)
-        for part in ("value", "standard_uncertainty")
-    )
-    return {name: (values, unit, told), f"{name}_u": (uncertainties, unit, "its standard uncertainty")}
-
-
-def cells_table(cells: Sequence[Cell], dimension: str, prefix: str) -> Table:
-    """Return cells as a table of the data file, each name with a prefix."""
-    columns: dict[str, Column] = {
-        dimension: (np.arange(len(cells)), "1", "number of the cell"),
-        f"{prefix}altitude": (np.array([one.altitude_m for one in cells]), "m", "altitude"),
-        f"{prefix}reflectance": (
-            np.array([one.condition.reflectance for one in cells]),
-            "1",
-            "normal albedo at 1064 nm",
-        ),
-        f"{prefix}day": (
-            np.array([int(one.condition.light == "day") for one in cells]),
-            "1",
-            "1 at noon, 0 at night",
-        ),
-        f"{prefix}perihelion": (
-            np.array([int(one.condition.distance == "perihelion") for one in cells]),
-            "1",
-            "1 with the Sun at perihelion, 0 at mean distance",
-        ),
-        f"{prefix}noise_rms": (
-            np.array([one.condition.noise_rms_v for one in cells]),
-            "V",
-            "stationary noise at the converter",
-        ),
-        f"{prefix}range_error_linear": (
-            np.array([one.linear.total_m for one in cells]),
-            "m",
-            "rms error by linear propagation",
-        ),
-    }
-    estimates: dict[str, tuple[list[Estimate | None], str, str]] = {
-        "pfd": ([one.pfd for one in cells], "1", "probability of false detection"),
-        "range_error": ([one.spread for one in cells], "m", "rms error of detections, bias taken off"),
-        "range_error_shape": ([one.shape for one in cells], "m", "part of the shape of pulse and ground"),
-        "range_error_pointing": ([one.jitter for one in cells], "m", "part of the wandering beam"),
-        "range_error_noise": ([one.noise for one in cells], "m", "part of all noise"),
-        "range_bias": ([one.bias for one in cells], "m", "calibrated bias"),
-    }
-    for name, (ones, unit, told) in estimates.items():
-        columns |= _columns(f"{prefix}{name}", ones, unit, told)
-    return Table(columns, dimension)

@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import structs
 
 from belahil.chunks import Chunk
+from procedures.range_budget import budget_points
 from procedures.range_points import Point, noise_chunks
 from procedures.range_scenes import (
     ALTITUDES_M,
@@ -18,6 +19,7 @@ from procedures.range_scenes import (
     conditions,
     noise_scene,
 )
+from procedures.range_variants import bias_points, column_points, ladder_points
 from sim.scene import as_toml
 
 if TYPE_CHECKING:
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
     from procedures.campaign_range import RangeOptions
 
-PARTS = ("table", "altitude", "map")
+PARTS = ("table", "altitude", "map", "budget", "ladder", "bias", "columns")
 
 STUDY_ALTITUDES_M = tuple(100e3 * n for n in range(4, 16))
 HISTOGRAM_ALTITUDES_M = (500e3, 1000e3, 1500e3)
@@ -42,7 +44,15 @@ _LEVELS = 8
 
 def points(options: RangeOptions) -> Iterator[Point]:
     """Return the points of the parts that are asked for."""
-    made = {"table": _table, "altitude": _altitude, "map": _map}
+    made = {
+        "table": _table,
+        "altitude": _altitude,
+        "map": _map,
+        "budget": budget_points,
+        "ladder": ladder_points,
+        "bias": bias_points,
+        "columns": column_points,
+    }
     for number, part in enumerate(PARTS):
         if part in options.parts:
             yield from made[part](options, options.seed + _SETS_APART * number)

@@ -50,6 +50,8 @@ class Point:
         Terrains and their tilt.
     slopes_deg : tuple of float
         Of the footprints.
+    tilt : float or None
+        Of the noise, see `procedures.noise_tilt`; None: what fits the faintest condition.
     """
 
     part: str
@@ -62,6 +64,7 @@ class Point:
     seed: int
     ground: GroundKey = field(default_factory=GroundKey)
     slopes_deg: tuple[float, float] = SLOPES_DEG
+    tilt: float | None = None
 
     def chunks(self) -> list[Chunk]:
         """Return the work of this point."""
@@ -73,6 +76,7 @@ class Point:
             "count": self.echoes,
             "repeats": self.repeats,
             "seed": self.seed,
+            "tilt": self.tilt,
         }
         work, name = "procedures.range_chunks:echo_draws", f"{self.part}{_PART}{self.label}"
         return [Chunk(f"{name}{_SET}{n}", work, given | {"number": n}) for n in range(self.sets)]
@@ -89,7 +93,8 @@ def noise_chunks(scene: Scene, levels_v: Sequence[float], windows: int, seed: in
             "seed": seed,
             "first": first,
         }
-        name = f"noise, {scene.filter} filter, {len(levels)} levels, from window {first}"
+        span_v = scene.truth.adc_full_scale_v
+        name = f"noise, {scene.filter} filter, span {span_v:g} V, from window {first}"
         chunks.append(Chunk(name, "procedures.range_chunks:noise_peaks", given))
     return chunks
 

@@ -20,6 +20,7 @@ import numpy as np
 from belahil.values import Estimate
 from procedures.arrival_gradient import VALID_SNR, LinearErrors
 from procedures.echo_hits import FALSE_M
+from procedures.error_mixture import Mixture, fit_mixture
 from procedures.local_draws import NEAR_SAMPLES
 
 if TYPE_CHECKING:
@@ -144,6 +145,36 @@ def weighted_rms(
     return Estimate(math.sqrt(mean), of_mean / (2 * math.sqrt(mean)), "m")
 
 
+def influences(draws: CellDraws, law: NoiseClusters) -> tuple[tuple[float, NDArray[np.float64]], ...]:
+    """Return what each echo adds to the error of a cell's numbers, to compare cells with the same draws.
+
+    Parameters
+    ----------
+    draws : CellDraws
+        Of the cell.
+    law : NoiseClusters
+        Of the noise peaks there.
+
+    Returns
+    -------
+    tuple of (float, ndarray of float64, shape (echoes,))
+        For the logarithm of the rms error, m, and for the probability of false detection: the value, and by
+        how much it would be wrong by this echo alone. The root of the sum of squares is the uncertainty; of a
+        difference, that of the differences.
+    """
+    weights, total = draws.weights(law), float(draws.weight.sum())
+    kept = draws.kept(law)[:, 0]
+    share = float(draws.weight @ kept) / total
+    false = (1 - share, -draws.by_echo(draws.weight * (kept - share)) / total)
+    detected = float(weights.sum())
+    if not detected > 0:
+        return (-math.inf, np.zeros(draws.echoes)), false
+    squares = draws.error_m**2
+    mean = float((weights * squares).sum()) / detected
+    away = draws.by_echo(weights * (squares - mean)) / (2 * mean * detected)
+    return (0.5 * math.log(mean), away), false
+
+
 @dataclass(frozen=True, slots=True)
 class LinearSpread:
     """Spread by source, without selection by detection.
@@ -206,11 +237,14 @@ class BruteCell:
         Share of false detections.
     spread : Estimate or None
         Rms of the others; None with fewer than two.
+    mixture : Mixture or None
+        Normal and uniform errors instead of the rule of 10 m.
     """
 
     shots: int
     pfd: Estimate
     spread: Estimate | None
+    mixture: Mixture | None
 
 
 def brute_cell(errors_m: NDArray[np.float64], bias_m: float) -> BruteCell:
@@ -221,4 +255,5 @@ def brute_cell(errors_m: NDArray[np.float64], bias_m: float) -> BruteCell:
     # One more of either kind, so that none at all is no certainty.
     smoothed = (count - true.size + 1) / (count + 2)
     pfd_u = math.sqrt(smoothed * (1 - smoothed) / count)
-    return BruteCell(count, Estimate(share, pfd_u, "1"), weighted_rms(true[:, None], np.ones((true.size, 1))))
+    spread = weighted_rms(true[:, None], np.ones((true.size, 1)))
+    return BruteCell(count, Estimate(share, pfd_u, "1"), spread, fit_mixture(errors_m - bias_m))

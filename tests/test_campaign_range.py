@@ -571,6 +571,8 @@ def test_the_command_predicts_the_table(
     forget_grounds()
     out = tmp_path / "range"
     small = [
+        "--parts",
+        "table,altitude,map",
         "--echoes",
         "12",
         "--repeats",

@@ -13,7 +13,7 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 @click.command(
     "range", short_help="Range errors and false detections by altitude, reflectance, day and night."
 )
-@click.option("--parts", metavar="LIST", help="Of table,altitude,map; all when left out.")
+@click.option("--parts", metavar="LIST", help="Of table,altitude,map,budget,ladder,bias,columns; all.")
 @click.option("--echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain in each set; 60.")
 @click.option("--repeats", type=click.IntRange(min=1), metavar="N", help="Shots about each echo; 6.")
 @click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of echoes at each altitude; 6.")
@@ -26,6 +26,7 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 )
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of all draws; 1.")
 @click.option("--ground-seed", type=click.IntRange(min=0), metavar="N", help="Of the fractals; 100.")
+@click.option("--terrain", metavar="FILE|SCENE", help="A terrain model for a column of its own.")
 @campaign_options
 def command(
     parts: str | None,
@@ -37,6 +38,7 @@ def command(
     shots: int | None,
     seed: int | None,
     ground_seed: int | None,
+    terrain: str | None,
     out: Path | None,
     resume: Path | None,
     workers: int | None,
@@ -58,9 +60,17 @@ def command(
         "shots": shots,
         "seed": seed,
         "ground_seed": ground_seed,
+        "terrain": _found_again(terrain),
     }
     place = Place(out, resume, workers, cluster, quiet, as_json)
     return perform("range", "RangeOptions", chosen, place, _lines)
+
+
+def _found_again(terrain: str | None) -> str | None:
+    """A file is found when the campaign is resumed from another folder; a ready scene is none."""
+    if terrain is None or not Path(terrain).is_file():
+        return terrain
+    return str(Path(terrain).absolute())
 
 
 def _lines(results: dict[str, Any]) -> list[str]:

@@ -1,0 +1,180 @@
+"""Figures of the variants of the range campaign: budget, ladder, bias and temperature, corrections."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from procedures.range_budget import OTHER_GROUND
+from procedures.range_corrections import NAMES
+from procedures.range_scenes import LIGHTS, MEAN_REFLECTANCE
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from matplotlib.axes import Axes
+
+    from procedures.range_budget import BudgetCell
+    from procedures.range_corrections import Corrected
+    from procedures.range_table import Cell
+
+_DAY, _NIGHT = "#D55E00", "#0072B2"
+_LEAST_POINTS = 1.0
+"""Of a probability that the axis of a panel has on either side: less is nothing to be seen."""
+_COLOURS = {"day": _DAY, "night": _NIGHT}
+_ALTITUDE_COLOURS = ("#000000", "#0072B2", "#009E73", "#D55E00", "#CC79A7")
+
+
+def tornado_figure(budget: Sequence[BudgetCell]) -> Figure:
+    """Draw how each assumed constant moves error and false detection at a reflectance of 0.17."""
+    here = [one for one in budget if one.cell.condition.reflectance == MEAN_REFLECTANCE]
+    altitudes_m = sorted({one.cell.altitude_m for one in here})
+    figure = Figure(figsize=(14.0, 8.6), layout="constrained")
+    figure.set_label(
+        "What each assumed constant does over its range, low end (light) and high end (dark), at a "
+        "reflectance of 0.17 and slopes of 9 to 11 degrees: change of the rms range error (upper row) and of "
+        "the probability of false detection (lower row), by day (orange, upper bar) and by night (blue). "
+        "Constants are sorted by what they do to the error by day at the highest altitude."
+    )
+    last = next(
+        one for one in here if one.cell.altitude_m == altitudes_m[-1] and one.cell.condition.light == "day"
+    )
+    order = sorted(
+        range(len(last.shifts)),
+        key=lambda k: max(abs(last.shifts[k].low[0].value), abs(last.shifts[k].high[0].value)),
+    )
+    grid = figure.subplots(2, len(altitudes_m), sharey=True, squeeze=False)
+    for column, altitude_m in enumerate(altitudes_m):
+        for which in (0, 1):
+            axes = grid[which, column]
+            for one in here:
+                if one.cell.altitude_m == altitude_m:
+                    _bars(axes, one, order, which)
+            axes.axvline(0.0, color="k", lw=0.8)
+            axes.grid(axis="x", alpha=0.25)
+            axes.set_xlabel(("change of the error, %", "change of the PFD, points")[which])
+        grid[0, column].set_title(f"{altitude_m / 1e3:g} km", loc="left")
+    labels = []
+    for k in order:
+        constant = last.shifts[k].constant
+        span = f"\n{constant.low:g} to {constant.high:g} {constant.unit}"
+        if not np.isfinite(constant.high):
+            span = f"\n{constant.low:g} {constant.unit}"
+        labels.append(constant.name + ("" if constant.name == OTHER_GROUND else span))
+    for axes in grid[:, 0]:
+        axes.set_yticks(range(len(order)), labels, fontsize=7.5)
+    for axes in grid[1]:
+        low, high = axes.get_xlim()
+        axes.set_xlim(min(low, -_LEAST_POINTS), max(high, _LEAST_POINTS))
+    return figure
+
+
+def _bars(axes: Axes, one: BudgetCell, order: list[int], which: int) -> None:
+    day = one.cell.condition.light == "day"
+    colour, up = _COLOURS[one.cell.condition.light], 0.19 if day else -0.19
+    for place, k in enumerate(order):
+        for end, alpha in ((one.shifts[k].low, 0.4), (one.shifts[k].high, 1.0)):
+            value = 100 * (np.expm1(end[0].value) if which == 0 else end[1].value)
+            axes.barh(place + up, value, 0.36, color=colour, alpha=alpha)
+
+
+def ladder_figure(cells: Sequence[tuple[str, Cell]]) -> Figure:
+    """Draw error and probability of false detection from rung to rung."""
+    rungs = list(dict.fromkeys(label for label, _ in cells))
+    figure = Figure(figsize=(11.5, 7.2), layout="constrained")
+    figure.set_label(
+        "From an earlier model to this one, reflectance 0.17, slopes of 9 to 11 degrees: rms range error "
+        "(upper row) and probability of false detection (lower row), by day and by night, for four altitudes."
+    )
+    grid = figure.subplots(2, 2, sharex=True, sharey="row")
+    altitudes_m = sorted({one.altitude_m for _, one in cells})
+    for column, light in enumerate(LIGHTS):
+        for colour, altitude_m in zip(_ALTITUDE_COLOURS, altitudes_m, strict=False):
+            here = [
+                (rungs.index(label), one)
+                for label, one in cells
+                if (one.altitude_m, one.condition.light, one.condition.reflectance)
+                == (altitude_m, light, MEAN_REFLECTANCE)
+            ]
+            x = [place for place, _ in here]
+            errors = [np.nan if one.spread is None else one.spread.value for _, one in here]
+            grid[0, column].plot(x, errors, "o-", color=colour, label=f"{altitude_m / 1e3:g} km")
+            grid[1, column].plot(x, [100 * one.pfd.value for _, one in here], "o-", color=colour)
+        grid[0, column].set_title(light, loc="left")
+        grid[1, column].set_xticks(range(len(rungs)), rungs, rotation=25, ha="right", fontsize=8)
+    grid[0, 0].set_ylabel("range error, m rms")
+    grid[0, 0].set_yscale("log")
+    grid[1, 0].set_ylabel("probability of false detection, %")
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside right upper", frameon=False)
+    for axes in grid.flat:
+        axes.grid(alpha=0.25)
+    return figure
+
+
+def bias_figure(cells: Sequence[tuple[float, float, Cell]]) -> Figure:
+    """Draw error and probability of false detection against bias, and against temperature."""
+    figure = Figure(figsize=(11.5, 7.2), layout="constrained")
+    figure.set_label(
+        "Rms range error (upper row) and probability of false detection (lower row) at a reflectance of 0.17 "
+        "against the photodiode's bias at 20 C, and against its temperature at 320 V; by day (solid) and by "
+        "night (dashed). The dark noise is held."
+    )
+    grid = figure.subplots(2, 2, sharey="row")
+    altitudes_m = sorted({one.altitude_m for _, _, one in cells})
+    for column, (axis, fixed, value) in enumerate(((0, 1, 20.0), (1, 0, 320.0))):
+        for colour, altitude_m in zip(_ALTITUDE_COLOURS, altitudes_m, strict=False):
+            for light, style in (("day", "-"), ("night", "--")):
+                here = [
+                    (setting[axis], setting[2])
+                    for setting in sorted(cells, key=lambda one: one[:2])
+                    if setting[fixed] == value
+                    and (setting[2].altitude_m, setting[2].condition.light) == (altitude_m, light)
+                ]
+                x = [place for place, _ in here]
+                errors = [np.nan if one.spread is None else one.spread.value for _, one in here]
+                label = f"{altitude_m / 1e3:g} km, {light}"
+                grid[0, column].plot(x, errors, style, marker=".", color=colour, label=label)
+                pfd = [100 * one.pfd.value for _, one in here]
+                grid[1, column].plot(x, pfd, style, marker=".", color=colour)
+    grid[1, 0].set_xlabel("bias, V")
+    grid[1, 1].set_xlabel("temperature of the photodiode, C")
+    grid[0, 0].set_ylabel("range error, m rms")
+    grid[1, 0].set_ylabel("probability of false detection, %")
+    figure.legend(*grid[0, 1].get_legend_handles_labels(), loc="outside right upper", frameon=False)
+    for axes in grid.flat:
+        axes.grid(alpha=0.25)
+    return figure
+
+
+def correction_figure(ones: Sequence[Corrected]) -> Figure:
+    """Draw the range error with each correction of arrivals against altitude."""
+    figure = Figure(figsize=(11.5, 4.8), layout="constrained")
+    figure.set_label(
+        "Rms range error about its own calibrated bias with each way to correct arrivals, reflectance 0.17, "
+        "slopes of 9 to 11 degrees, by day and by night. Detections are those with our own curve."
+    )
+    styles: Mapping[str, tuple[str, str]] = dict(
+        zip(NAMES, (("#000000", "-"), ("#0072B2", "--"), ("#D55E00", "-"), ("#009E73", ":")), strict=True)
+    )
+    for axes, light in zip(figure.subplots(1, 2, sharey=True), LIGHTS, strict=True):
+        for name in NAMES:
+            here = [one for one in ones if (one.light, one.name) == (light, name) and one.error is not None]
+            colour, style = styles[name]
+            axes.plot(
+                [one.altitude_m / 1e3 for one in here],
+                [one.error.value for one in here if one.error is not None],
+                style,
+                color=colour,
+                lw=1.6,
+                label=name,
+            )
+        axes.set_title(light, loc="left")
+        axes.set_xlabel("altitude, km")
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.grid(alpha=0.25, which="both")
+    figure.axes[0].set_ylabel("range error, m rms")
+    figure.axes[0].legend(frameon=False)
+    return figure
