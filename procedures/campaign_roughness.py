@@ -69,7 +69,7 @@ class RoughnessOptions:
     """
 
     altitude_m: float = 500e3
-    sets: int = 2
+    sets: int = 3
     per_side: int = 22
     terrain: str | None = None
     altitudes: bool = True

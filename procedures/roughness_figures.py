@@ -10,7 +10,7 @@ from matplotlib.patches import Circle
 
 from procedures.range_scenes import REFLECTANCES
 from procedures.roughness_chunks import CASES
-from procedures.roughness_results import LIMITS
+from procedures.roughness_results import LIMITS, RESIDUALS
 from procedures.roughness_shape import BINS_M, CONTOURS, FEWEST, LEVELS_V2, LIMIT_V2, MAP_EDGES_M
 
 if TYPE_CHECKING:
@@ -224,20 +224,26 @@ def reach_figure(found: RoughnessResults) -> Figure:
     figure = Figure(figsize=(13.0, 4.2), layout="constrained")
     figure.set_label(
         "(a) Share of footprints with 0.9 to 1.1 m whose residual is above 99 % of those below 0.1 m, by "
-        "night; dotted: 5 %, from which it is taken to tell, and the 1 % of chance. (b) How many standard "
-        "deviations the means of 100 rough and 100 smooth ones are apart; dotted: 3. (c) Roughness of ground "
-        "from their stacked residuals, judged by terrains of other sets, against the truth; bars: 68 %."
+        "night; of the samples of the pulse (solid) and of the whole window (dashed); dotted: 5 %, at which "
+        "it is taken to tell, and the 1 % of chance. (b) How many standard deviations the means of 100 rough "
+        "and 100 smooth ones are apart; dotted: 3. (c) Roughness of terrains from stacked residuals of their "
+        "pulses, judged by terrains of other sets, against the truth; bars: 68 %."
     )
     single, stacked, regions = figure.subplots(1, 3)
     for reflectance, colour in zip(REFLECTANCES, (_PURPLE, _BLUE, _ORANGE), strict=True):
-        rows = [(one.altitude_m, one.power) for one in found.reaches if one.reflectance == reflectance]
-        there = [(1e-3 * altitude_m, power) for altitude_m, power in rows if power is not None]
-        altitudes_km = [one for one, _ in there]
-        look = {"fmt": "o-", "ms": 4, "color": colour, "label": f"reflectance {reflectance:g}"}
-        shares = [100 * power.share for _, power in there]
-        single.errorbar(altitudes_km, shares, [100 * power.share_u for _, power in there], **look)
-        apart = [power.separation for _, power in there]
-        stacked.errorbar(altitudes_km, apart, [power.separation_u for _, power in there], **look)
+        rows = [one for one in found.reaches if one.reflectance == reflectance]
+        for residual in RESIDUALS:
+            powers = [(1e-3 * one.altitude_m, one.power(residual)) for one in rows]
+            there = [(altitude_km, power) for altitude_km, power in powers if power is not None]
+            altitudes_km = [one for one, _ in there]
+            shares, apart = [100 * one.share for _, one in there], [one.separation for _, one in there]
+            if residual == "window":
+                single.plot(altitudes_km, shares, "--", color=colour, lw=0.8)
+                stacked.plot(altitudes_km, apart, "--", color=colour, lw=0.8)
+                continue
+            look = {"fmt": "o-", "ms": 4, "color": colour, "label": f"reflectance {reflectance:g}"}
+            single.errorbar(altitudes_km, shares, [100 * one.share_u for _, one in there], **look)
+            stacked.errorbar(altitudes_km, apart, [one.separation_u for _, one in there], **look)
     for axes, levels in ((single, (100 * LIMITS["single"], 1.0)), (stacked, (LIMITS["stacked"], 0.0))):
         for level in levels:
             axes.axhline(level, color="0.4", ls=":", lw=1)
@@ -253,7 +259,7 @@ def reach_figure(found: RoughnessResults) -> Figure:
 
 def _regions(axes: Axes, found: RoughnessResults) -> None:
     for case, colour, offset in (("night", _BLUE, 0.98), ("day", _ORANGE, 1.02)):
-        one = found.trials[case]
+        one = found.trials["pulse"][case]
         if not one.found:
             continue
         best = np.array([region.roughness_m for region in one.found])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,15 +13,18 @@ from procedures.campaign_roughness import FACTORS, TILTS_DEG
 from procedures.range_scenes import REFLECTANCES
 from procedures.roughness_chunks import CASES
 from procedures.roughness_region import Region, Trial
-from procedures.roughness_results import LIMITS, RoughnessResults
+from procedures.roughness_results import LIMITS, RESIDUALS, RoughnessResults
 from procedures.roughness_shape import BINS_M, CONTOURS, LEVELS_V2, LIMIT_V2, MAP_EDGES_M, Power, Shape
 from procedures.roughness_statistics import COLUMNS, mean_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from belahil.campaign_run import CampaignPlan
+    from procedures.roughness_statistics import Residual
 
 
 def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outcome:
@@ -39,7 +43,10 @@ def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outco
             "library": _library(found),
             "shape": {case: _shape(found.shapes[case], found.powers[case]) for case in CASES},
             "reach": _reach(found),
-            "region": {case: _trial(one) for case, one in found.trials.items()},
+            "region": {
+                residual: {case: _trial(one) for case, one in by_case.items()}
+                for residual, by_case in found.trials.items()
+            },
             "definitions": _DEFINITIONS,
         },
         tables=_tables(found),
@@ -65,7 +72,7 @@ _DEFINITIONS = {
     "the plane.",
     "skewness": "Skewness: third standardized moment of the heights about the plane.",
     "msr": "MSR: mean squared residual of the samples of the correlation window about the best pulse of the "
-    "library of flat slopes, scaled and moved; pulse_above: of samples where that pulse is above a tenth "
+    "library of flat slopes, scaled and moved; of the pulse: of samples where that pulse is above a tenth "
     "of its peak alone. Of footprints whose best pulse has 9 to 11 degrees.",
     "uncertainty": "Standard uncertainties: from the scatter between terrains; footprints share relief.",
     "reach": "The shape tells roughness of single footprints where at least 5 % of those with 0.9 to 1.1 m "
@@ -135,7 +142,7 @@ def _library(found: RoughnessResults) -> dict[str, Any]:
     }
 
 
-def _shape(one: Shape, power: Power | None) -> dict[str, Any]:
+def _shape(one: Shape, powers: dict[Residual, Power | None]) -> dict[str, Any]:
     rows = []
     for bounds, count, above, pulse in zip(BINS_M, one.counts, one.above, one.pulse_above, strict=True):
         rows.append(
@@ -146,7 +153,11 @@ def _shape(one: Shape, power: Power | None) -> dict[str, Any]:
                 "pulse_above": None if pulse is None else _measured(*pulse, "1"),
             }
         )
-    return {"above_v2": LIMIT_V2, "bins": rows, "power": _power(power)}
+    return {"above_v2": LIMIT_V2, "bins": rows} | _powers(powers)
+
+
+def _powers(powers: Mapping[Residual, Power | None]) -> dict[str, Any]:
+    return {"power": _power(powers["window"]), "pulse_power": _power(powers["pulse"])}
 
 
 def _power(one: Power | None) -> dict[str, Any] | None:
@@ -165,13 +176,13 @@ def _reach(found: RoughnessResults) -> dict[str, Any] | None:
     if not found.altitudes_m:
         return None
     highest: dict[str, Any] = {}
-    for how in LIMITS:
-        highest[how] = {}
-        for reflectance in REFLECTANCES:
-            altitude_m, status = found.highest_m(reflectance, how)
-            highest[how][f"{reflectance:g}"] = {"altitude_m": altitude_m, "status": status}
+    for residual, how, reflectance in itertools.product(RESIDUALS, LIMITS, REFLECTANCES):
+        altitude_m, status = found.highest_m(reflectance, how, residual)
+        by_how = highest.setdefault(residual, {}).setdefault(how, {})
+        by_how[f"{reflectance:g}"] = {"altitude_m": altitude_m, "status": status}
     rows = [
-        {"altitude_m": one.altitude_m, "reflectance": one.reflectance, "power": _power(one.power)}
+        {"altitude_m": one.altitude_m, "reflectance": one.reflectance}
+        | _powers({residual: one.power(residual) for residual in RESIDUALS})
         for one in found.reaches
     ]
     return {"tells_from": LIMITS, "highest": highest, "altitudes": rows}

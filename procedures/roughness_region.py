@@ -21,7 +21,7 @@ from procedures.roughness_shape import SLOPE_DEG, WITHIN_DEG
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from procedures.roughness_statistics import Footprints
+    from procedures.roughness_statistics import Footprints, Residual
 
 GRID_M = np.geomspace(0.01, 1.5, 201)
 FEWEST_OF_REGION = 30
@@ -173,7 +173,7 @@ class Trial:
         return np.asarray((self.truth_m >= spans[:, 0]) & (self.truth_m <= spans[:, 1]))
 
 
-def trial(seen: Footprints, sets: NDArray[np.int64], case: int) -> Trial:
+def trial(seen: Footprints, sets: NDArray[np.int64], case: int, residual: Residual) -> Trial:
     """Estimate the roughness of each terrain of each set, with the terrains of the other sets.
 
     Parameters
@@ -184,9 +184,11 @@ def trial(seen: Footprints, sets: NDArray[np.int64], case: int) -> Trial:
         Set of each footprint.
     case : int
         Of noise.
+    residual : {"window", "pulse"}
+        As in `procedures.roughness_shape.power`.
     """
     near = seen.near(case, SLOPE_DEG, WITHIN_DEG)
-    roughness_m, msr_v2 = seen.roughness_m[near], seen.msr_v2[0, case][near]
+    roughness_m, msr_v2 = seen.roughness_m[near], seen.residual_v2(residual, case)[near]
     terrain, own = seen.ground[near], sets[near]
     truth, found, dispersions = [], [], []
     for number in np.unique(own):

@@ -27,9 +27,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.campaign_run import CampaignPlan
+    from procedures.roughness_statistics import Residual
 
 WHITE = 20_000
 """Footprints of white noise."""
+RESIDUALS: tuple[Residual, ...] = ("window", "pulse")
 LIMITS = {"single": 0.05, "stacked": 3.0}
 """From which on the shape tells: share of rough footprints above 99 % of the smooth ones; separation of 100
 of each in standard deviations. Assumed."""
@@ -43,13 +45,18 @@ class Reach:
     ----------
     altitude_m, reflectance : float
         From where, and of the ground.
-    power : Power or None
-        None with too few footprints that were detected.
+    window, pulse : Power or None
+        By both residuals; None with too few footprints that were detected.
     """
 
     altitude_m: float
     reflectance: float
-    power: Power | None
+    window: Power | None
+    pulse: Power | None
+
+    def power(self, residual: Residual) -> Power | None:
+        """By one of the residuals."""
+        return self.window if residual == "window" else self.pulse
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,10 +171,13 @@ class RoughnessResults:
         return {case: shape(self.everything, number) for number, case in enumerate(CASES)}
 
     @cached_property
-    def powers(self) -> dict[str, Power | None]:
-        """Rough against smooth, by case."""
+    def powers(self) -> dict[str, dict[Residual, Power | None]]:
+        """Rough against smooth, by case and residual."""
         stream = Draws(self.plan.seed, 0).stream("bootstrap")
-        return {case: power(self.everything, number, 0, stream) for number, case in enumerate(CASES)}
+        return {
+            case: {one: power(self.everything, number, 0, one, stream) for one in RESIDUALS}
+            for number, case in enumerate(CASES)
+        }
 
     @cached_property
     def slopes(self) -> dict[str, NDArray[np.float64]]:
@@ -216,7 +226,8 @@ class RoughnessResults:
             seen = gathered(self._at(altitude_m), self._results_at(altitude_m), "altitude")
             assert seen is not None
             for number, reflectance in enumerate(REFLECTANCES):
-                found.append(Reach(altitude_m, reflectance, power(seen, 0, number, stream)))
+                by_both = (power(seen, 0, number, one, stream) for one in RESIDUALS)
+                found.append(Reach(altitude_m, reflectance, *by_both))
         return tuple(sorted(found, key=lambda one: (one.reflectance, one.altitude_m)))
 
     @property
@@ -242,16 +253,19 @@ class RoughnessResults:
             if one.name.startswith("altitude") and self._altitude(one.name) == altitude_m
         ]
 
-    def highest_m(self, reflectance: float, how: str) -> tuple[float | None, str]:
+    def highest_m(self, reflectance: float, how: str, residual: Residual) -> tuple[float | None, str]:
         """Return the altitude up to which the shape tells roughness, and how that is known.
 
         Linear between altitudes with enough footprints. Status "ok"; "not reached": not even from the lowest;
         "beyond": from all of them; "too_few": no altitude has enough.
         """
+        found = [
+            (one.altitude_m, one.power(residual)) for one in self.reaches if one.reflectance == reflectance
+        ]
         rows = [
-            (one.altitude_m, one.power.share if how == "single" else one.power.separation)
-            for one in self.reaches
-            if one.reflectance == reflectance and one.power is not None
+            (altitude_m, one.share if how == "single" else one.separation)
+            for altitude_m, one in found
+            if one is not None
         ]
         least = LIMITS[how]
         if not rows:
@@ -264,9 +278,12 @@ class RoughnessResults:
         return rows[-1][0], "beyond"
 
     @cached_property
-    def trials(self) -> dict[str, Trial]:
-        """Regional estimates of terrains by the other sets, by night and by day."""
+    def trials(self) -> dict[Residual, dict[str, Trial]]:
+        """Regional estimates of terrains by the other sets, by residual, by night and by day."""
         seen = joined([self.fractals, self._of("extra")])
         numbers = [re.search(r"set (\d+)", one.name) for one in self.plan.chunks]
-        sets = np.array([-1 if one is None else int(one[1]) for one in numbers])
-        return {case: trial(seen, sets[seen.chunk], CASES.index(case)) for case in CASES[1:]}
+        sets = np.array([-1 if one is None else int(one[1]) for one in numbers])[seen.chunk]
+        return {
+            residual: {case: trial(seen, sets, CASES.index(case), residual) for case in CASES[1:]}
+            for residual in RESIDUALS
+        }

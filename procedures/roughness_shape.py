@@ -13,7 +13,7 @@ from procedures.roughness_statistics import cumulative, mean_of, quantile_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from procedures.roughness_statistics import Footprints
+    from procedures.roughness_statistics import Footprints, Residual
 
 SLOPE_DEG, WITHIN_DEG = 10.0, 1.0
 """Best pulses with this slope, as the paper has them, and one to either side for enough of them."""
@@ -71,7 +71,10 @@ def shape(seen: Footprints, case: int, reflectance: int = 0) -> Shape:
             mean_of((values[near][at] > LIMIT_V2).astype(np.float64), cluster[at]) if at.any() else None
             for at in inside
         )
-        for values in (seen.msr_v2[reflectance, case], seen.pulse_msr_v2[reflectance, case])
+        for values in (
+            seen.residual_v2("window", case, reflectance),
+            seen.residual_v2("pulse", case, reflectance),
+        )
     )
     cells = [between(roughness_m, pair) for pair in itertools.pairwise(MAP_EDGES_M)]
     return Shape(
@@ -121,18 +124,32 @@ class Power:
     separation_u: float
 
 
-def power(seen: Footprints, case: int, reflectance: int, stream: np.random.Generator) -> Power | None:
-    """Compare rough with smooth footprints; None with fewer than 100 smooth or 20 rough ones."""
+def power(
+    seen: Footprints, case: int, reflectance: int, residual: Residual, stream: np.random.Generator
+) -> Power | None:
+    """Compare rough with smooth footprints; None with fewer than 100 smooth or 20 rough ones.
+
+    Parameters
+    ----------
+    seen : Footprints
+        All of one altitude.
+    case, reflectance : int
+        Which of theirs.
+    residual : {"window", "pulse"}
+        Of all samples, or of those where the best pulse is above a tenth of its peak.
+    stream : numpy.random.Generator
+        For a bootstrap.
+    """
     near = seen.near(case, SLOPE_DEG, WITHIN_DEG, reflectance)
     smooth = near & between(seen.roughness_m, SMOOTH_M)
     rough = near & between(seen.roughness_m, ROUGH_M)
     if smooth.sum() < 5 * FEWEST or rough.sum() < FEWEST:
         return None
-    msr_v2 = seen.msr_v2[reflectance, case]
+    msr_v2 = seen.residual_v2(residual, case, reflectance)
     limit_v2, limit_u = quantile_of(msr_v2[smooth], seen.ground[smooth], 0.99, stream)
     share, u = mean_of((msr_v2[rough] > limit_v2).astype(np.float64), seen.ground[rough])
     ends = [float((msr_v2[rough] > limit_v2 + sign * limit_u).mean()) for sign in (-1, 1)]
-    logs = np.log(msr_v2)
+    logs = np.log(np.maximum(msr_v2, np.finfo(np.float64).tiny))
     means = [mean_of(logs[at], seen.ground[at]) for at in (rough, smooth)]
     one_sd = float(np.sqrt((logs[rough].var() + logs[smooth].var()) / STACKED))
     return Power(

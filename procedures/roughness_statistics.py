@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from belahil.campaign_run import CampaignPlan
 
     Mask = NDArray[np.bool_]
+    Residual = Literal["window", "pulse"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +55,11 @@ class Footprints:
     def size(self) -> int:
         """How many."""
         return self.chunk.size
+
+    def residual_v2(self, residual: Residual, case: int, reflectance: int = 0) -> NDArray[np.float64]:
+        """Mean squared residuals: of all samples of the window, or of those of the pulse alone."""
+        found = self.msr_v2 if residual == "window" else self.pulse_msr_v2
+        return np.asarray(found[reflectance, case])
 
     def near(self, case: int, slope_deg: float, within_deg: float, reflectance: int = 0) -> Mask:
         """Detected footprints whose best pulse has a slope."""

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from procedures.study_ground import LEVELS
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.draws import Draws
 from sim.scene import as_toml
-from sim.terrain import Surface, tilted
+from sim.terrain import Surface, boulder, tilted
 from sim.terrain_grid import Grid
 
 SCENE = as_toml(base_scene())
@@ -108,13 +109,15 @@ def test_power_is_chance_where_roughness_does_not_matter() -> None:
     rough = np.where(np.arange(6000) % 3 == 0, 1.0, 0.05)
     msr = np.exp(draws.standard_normal(6000))
 
-    one = power(made(rough, msr, np.arange(6000) % 12), 0, 0, np.random.default_rng(1))
+    one = power(made(rough, msr, np.arange(6000) % 12), 0, 0, "window", np.random.default_rng(1))
 
     assert one is not None
     assert one.share == pytest.approx(0.01, abs=4 * one.share_u)
     assert abs(one.separation) < 4 * one.separation_u
     # and everything where all rough residuals are larger
-    more = power(made(rough, msr + 100 * (rough > 0.5), np.arange(6000) % 12), 0, 0, np.random.default_rng(1))
+    more = power(
+        made(rough, msr + 100 * (rough > 0.5), np.arange(6000) % 12), 0, 0, "window", np.random.default_rng(1)
+    )
     assert more is not None
     assert more.share == 1.0
     assert more.separation > 10
@@ -123,7 +126,7 @@ def test_power_is_chance_where_roughness_does_not_matter() -> None:
 def test_power_needs_enough_of_both() -> None:
     few = made(np.full(150, 0.05), np.ones(150), np.arange(150))
 
-    assert power(few, 0, 0, np.random.default_rng(1)) is None
+    assert power(few, 0, 0, "window", np.random.default_rng(1)) is None
 
 
 # ---- width
@@ -232,6 +235,22 @@ def test_a_cliff_leaves_what_no_slope_explains() -> None:
     assert float(np.mean(left**2)) == pytest.approx(float(broken["example_msr_v2"]), rel=1e-9)
 
 
+@pytest.mark.parametrize(("across_m", "least_v2", "most_v2"), [(5.0, 0.5e-6, 2e-6), (-5.0, 0.0, 0.2e-6)])
+def test_an_edge_in_the_footprint_leaves_a_square_millivolt(
+    across_m: float, least_v2: float, most_v2: float
+) -> None:
+    # given a flat boulder of 4 m, and the beam on its upper or its lower edge on a slope
+    made_m = boulder(25.0, 4.0, centre_m=(across_m, 0.0), slope_deg=10.0, exponent=4.0)
+    x_m = np.arange(-60.0, 60.1, 0.75)
+    ground = Grid(made_m.height(x_m[None, :], x_m[:, None]), 0.75, -60.0, -60.0)
+
+    found = footprints(SCENE, ground, 1, ["free"], [0.17], False, Draws(1, 1))
+
+    # then both are 1 m rough, but only one has a shape that no slope has
+    assert found["roughness_m"][0] == pytest.approx(0.98, abs=0.02)
+    assert least_v2 < found["msr_v2"][0, 0, 0] < most_v2
+
+
 def test_higher_ground_is_rougher_in_proportion() -> None:
     one, other = (
         over_fractal(SCENE, 9, factor, 100, 0.0, 4, ["free"], [0.17], False, 1, 1) for factor in (1.0, 2.0)
@@ -250,14 +269,15 @@ def region_truth(draws: np.random.Generator, middle_m: float, count: int) -> tup
     return rough, 0.6e-6 * (1 + (rough / 0.9) ** 2) * np.exp(0.2 * draws.standard_normal(count))
 
 
-def test_intervals_of_regions_hold_what_they_promise() -> None:
+@pytest.mark.parametrize("residual", ["window", "pulse"])
+def test_intervals_of_regions_hold_what_they_promise(residual: Literal["window", "pulse"]) -> None:
     # given regions of 0.02 to 1 m, in two sets
     draws = np.random.default_rng(21)
     parts = [region_truth(draws, middle, 150) for middle in np.tile(np.geomspace(0.02, 1.0, 30), 2)]
     ground = np.repeat(np.arange(60), 150)
     seen = made(*(np.concatenate(one) for one in zip(*parts, strict=True)), ground)
 
-    found = trial(seen, ground // 30, 0)
+    found = trial(seen, ground // 30, 0, residual)
 
     # then 68 and 95 % of the truths lie inside, to what 60 regions tell, or more: there is a lowest roughness
     assert found.truth_m.size == 60
@@ -308,8 +328,8 @@ def test_a_plan_gives_each_relief_a_seed_of_its_own() -> None:
         for one in chunks
         if one.name.startswith(("fractal", "extra"))
     }
-    # two sets of eleven and of the rougher ones, each at two tilts
-    assert len(reliefs) == 2 * (LEVELS + len(FACTORS))
+    # sets of eleven and of the rougher ones, each at two tilts
+    assert len(reliefs) == RoughnessOptions().sets * (LEVELS + len(FACTORS))
     assert len({seed for seed, _ in reliefs}) == len(reliefs)
     assert sum(one.name.startswith("altitude") for one in chunks) == 12 * len({*ALTITUDES_M, 500e3})
     footprint_count = sum(
@@ -366,7 +386,7 @@ def test_the_command_keeps_what_it_found(tmp_path: Path, capsys: pytest.CaptureF
     assert main([*words, "--out", str(tmp_path / "run")]) == 0
 
     results = json.loads(capsys.readouterr().out)["results"]
-    assert results["footprints"]["fractals"] == 2 * 2 * 11 * 64
+    assert results["footprints"]["fractals"] == 3 * 2 * 11 * 64
     assert 0.1 < results["width"]["share_negative"]["value"] < 0.6
     assert results["skewness"]["fractals"]["spread"] > 1.5 * results["skewness"]["white_noise_spread"]
     assert results["reach"] is None

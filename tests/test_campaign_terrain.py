@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
@@ -251,3 +253,15 @@ def test_the_law_of_a_fractal() -> None:
 def test_a_plane_in_closed_form_has_no_profile() -> None:
     with pytest.raises(RefusedInput, match="grid"):
         rms_deviation(plane(3.0), (1.0,))
+
+
+@settings(max_examples=100, deadline=None)
+@given(text=st.text(max_size=30))
+def test_any_text_is_an_area_or_refused(text: str) -> None:
+    try:
+        found = parsed_area(text)
+    except RefusedInput:
+        return
+    assert found.name
+    assert found.side_m > 0
+    assert np.isfinite([found.x_m, found.y_m, found.side_m]).all()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from belahil.errors import RefusedInput
 from procedures.footprint_moments import Disc, described, disc, even_places, moments, white_skewness
@@ -133,3 +135,26 @@ def test_a_disc_is_even_about_both_axes() -> None:
     for odd in (posts.rows, posts.columns, posts.rows * posts.columns):
         assert float(posts.weights @ odd) == pytest.approx(0.0, abs=1e-12)
     assert posts.reach == int(4.5 * 7.0 / 1.5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    scale=st.floats(1e-3, 1e3),
+    gradient=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
+    datum=st.floats(-1e4, 1e4),
+)
+def test_roughness_knows_no_plane_and_scales(
+    seed: int, scale: float, gradient: tuple[float, float], datum: float
+) -> None:
+    # given any heights, and the same higher, on another plane
+    posts = disc(1.5, 5.0)
+    heights = np.random.default_rng(seed).standard_normal((1, posts.rows.size))
+    plane = datum + 1.5 * (gradient[0] * posts.columns + gradient[1] * posts.rows)
+
+    one, other = moments(heights, posts, 1.5), moments(scale * heights + plane, posts, 1.5)
+
+    # then roughness scales and the skewness stays, to the rounding of the largest height
+    rounding = 1e-13 * (abs(datum) + 30 + scale) / scale
+    assert other.roughness_m[0] == pytest.approx(scale * one.roughness_m[0], rel=1e-9 + rounding)
+    assert other.skewness[0] == pytest.approx(one.skewness[0], abs=1e-9 + 10 * rounding)

@@ -12,7 +12,7 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 
 @click.command("roughness", short_help="What width and shape of a return pulse tell of roughness.")
 @click.option("--altitude-km", type=float, metavar="X", help="From which ground is seen; 500.")
-@click.option("--sets", type=click.IntRange(min=2), metavar="N", help="Sets of eleven fractals; 2.")
+@click.option("--sets", type=click.IntRange(min=2), metavar="N", help="Sets of eleven fractals; 3.")
 @click.option(
     "--per-side", type=click.IntRange(min=2), metavar="N", help="Footprints along each side of a terrain; 22."
 )
@@ -48,12 +48,11 @@ def _lines(results: dict[str, Any]) -> list[str]:
         f"library: slope of the best pulse less the ground's {one_text(library['slope_bias_deg'])}",
     ]
     for case, one in results["shape"].items():
-        if one["power"] is not None:
-            lines.append(
-                f"shape, {case}: {one_text(one['power']['share'])} of rough footprints beyond 99 % of smooth"
-            )
+        if one["pulse_power"] is not None:
+            share = one_text(one["pulse_power"]["share"])
+            lines.append(f"shape of the pulse, {case}: {share} of rough footprints beyond 99 % of smooth")
     if results["reach"] is not None:
-        for how, by_reflectance in results["reach"]["highest"].items():
+        for how, by_reflectance in results["reach"]["highest"]["pulse"].items():
             for reflectance, one in by_reflectance.items():
                 at = "" if one["altitude_m"] is None else f" up to {1e-3 * one['altitude_m']:.0f} km"
                 lines.append(f"reflectance {reflectance}, {how}: tells roughness{at} ({one['status']})")
