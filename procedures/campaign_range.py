@@ -59,7 +59,7 @@ class RangeOptions:
     parts: tuple[str, ...] = PARTS
     echoes: int = 60
     repeats: int = 6
-    sets: int = 6
+    sets: int = 8
     study_echoes: int = 24
     noise_windows: int = 2000
     shots: int = 100

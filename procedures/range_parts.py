@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,8 @@ _HISTOGRAM_SETS = 4
 MAP_SLOPES_DEG = tuple(5.0 * n for n in range(9))
 _MAP_HALF_DEG = 1.5
 """Footprints of a map have its slope within so much."""
+_SHARE_OF_SETS = {500e3: 0.375}
+"""Of the table's: where all echoes are detected, fewer tell the same."""
 _MAP_SHARE = 4
 """Of the echoes that other parts have."""
 _SETS_APART = 0x10000
@@ -84,7 +87,7 @@ def _table(options: RangeOptions, seed: int) -> Iterator[Point]:
             conditions=every,
             echoes=options.echoes,
             repeats=options.repeats,
-            sets=options.sets,
+            sets=math.ceil(_SHARE_OF_SETS.get(altitude_m, 1.0) * options.sets),
             seed=seed,
             ground=options.ground,
         )

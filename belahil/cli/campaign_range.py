@@ -16,7 +16,7 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 @click.option("--parts", metavar="LIST", help="Of table,altitude,map,budget,ladder,bias,columns; all.")
 @click.option("--echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain in each set; 60.")
 @click.option("--repeats", type=click.IntRange(min=1), metavar="N", help="Shots about each echo; 6.")
-@click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of echoes at each altitude; 6.")
+@click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of echoes at each altitude; 8.")
 @click.option(
     "--study-echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain, other parts; 24."
 )
