@@ -41,15 +41,25 @@ SPREAD, PFD, POINT, WORKERS = 0.01, 0.05, 0.001, 2
 _FEW = 10
 
 
-def timed(chunks: list[Chunk]) -> tuple[float, Collected]:
-    """Compute chunks on two fresh workers; seconds and results."""
+def of_children_s() -> float:
+    """Processor time of the workers that have ended; 0 where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return 0.0
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def timed(chunks: list[Chunk]) -> tuple[float, float, Collected]:
+    """Compute chunks on two fresh workers; seconds, their processor time, and results."""
     with tempfile.TemporaryDirectory() as folder:
         store, workers = ChunkStore(Path(folder)), local_workers(WORKERS)
-        begun = time.perf_counter()
+        begun, used = time.perf_counter(), of_children_s()
         run_chunks(chunks, store, workers.open, workers.in_flight)
         plan = CampaignPlan(tuple(chunks), as_toml(base_scene()), 1)
         found = collected(plan, list(store.results(plan.chunks)))
-        return time.perf_counter() - begun, found
+        return time.perf_counter() - begun, of_children_s() - used, found
 
 
 def fourth_moment(drawn: Drawn, row: int, cell: Cell, laws) -> float:  # type: ignore[no-untyped-def]
@@ -79,13 +89,13 @@ def main() -> None:
     every = [replace(point, conditions=mean_only) for point in points(options)]
     fast = levels_chunks(every, options, 1) + [chunk for point in every for chunk in point.chunks()]
     timed([fast[0], fast[-1], *brute_chunks(replace(options, shots=1), 2)[:2]])  # fills the compiler's cache
-    seconds, found = timed(fast)
+    seconds, busy, found = timed(fast)
     begun = time.perf_counter()
     laws = found.laws()
     rows = [(drawn, row, cell) for drawn in found.points for row, cell in enumerate(cells(drawn, laws))]
     seconds += time.perf_counter() - begun
     few, many = (timed(brute_chunks(replace(options, shots=one), 2)) for one in (_FEW, asked.shots))
-    counts = [sum(one.size for one in found.shots.values()) for _, found in (few, many)]
+    counts = [sum(row.size for row in one.shots.values()) for _, _, one in (few, many)]
     print("altitude light reflectance   error m  u %   PFD %  u points   shots that whole ones need")
     total, worst = 0.0, [0.0, 0.0]
     for drawn, row, cell in rows:
@@ -102,11 +112,18 @@ def main() -> None:
         )
     pace = (many[0] - few[0]) / (counts[1] - counts[0])
     start = few[0] - pace * counts[0]
+    load = (many[1] - few[1]) / (counts[1] - counts[0])
+    whole_busy = few[1] + load * (total - counts[0])
     print(f"accuracy reached: {worst[0]:.2f} of what is allowed for the spread, {worst[1]:.2f} for the PFD")
     print(f"fast, {WORKERS} workers, with ground, noise and analysis: {seconds:.1f} s")
     print(f"whole shots: {1e3 * pace:.3f} ms each on {WORKERS} workers, after {start:.1f} s")
     print(f"the same accuracy takes {total:.3g} whole shots: {start + total * pace:.0f} s")
     print(f"fast is {(start + total * pace) / seconds:.1f} times faster")
+    if busy:
+        print(
+            f"processor time, which other programs do not change: {busy:.1f} s against {whole_busy:.0f} s, "
+            f"{whole_busy / busy:.1f} times"
+        )
     print(f"numpy {np.__version__}")
 
 
