@@ -81,12 +81,15 @@ def shots_needed(cell: Cell, kurtosis: float) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--sets", type=int, default=8)
-    parser.add_argument("--noise-windows", type=int, default=2000)
+    parser.add_argument("--noise-windows", type=int, default=1200)
     parser.add_argument("--shots", type=int, default=200, help="on each of eleven terrains in each cell")
     asked = parser.parse_args()
     options = RangeOptions(("table",), sets=asked.sets, noise_windows=asked.noise_windows, shots=asked.shots)
     mean_only = conditions(base_scene())
-    every = [replace(point, conditions=mean_only) for point in points(options)]
+    every = [
+        replace(point, conditions=mean_only, shares=point.shares[: len(mean_only)])
+        for point in points(options)
+    ]
     fast = levels_chunks(every, options, 1) + [chunk for point in every for chunk in point.chunks()]
     timed([fast[0], fast[-1], *brute_chunks(replace(options, shots=1), 2)[:2]])  # fills the compiler's cache
     seconds, busy, found = timed(fast)

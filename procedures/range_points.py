@@ -52,6 +52,8 @@ class Point:
         Of the footprints.
     tilt : float or None
         Of the noise, see `procedures.noise_tilt`; None: what fits the faintest condition.
+    shares : tuple of float
+        Part of the sets in which each condition is looked at, the first ones; empty: all of all.
     """
 
     part: str
@@ -65,6 +67,7 @@ class Point:
     ground: GroundKey = field(default_factory=GroundKey)
     slopes_deg: tuple[float, float] = SLOPES_DEG
     tilt: float | None = None
+    shares: tuple[float, ...] = ()
 
     def chunks(self) -> list[Chunk]:
         """Return the work of this point."""
@@ -72,14 +75,21 @@ class Point:
             "scene": as_toml(self.scene),
             "ground": asdict(self.ground),
             "slopes_deg": list(self.slopes_deg),
-            "conditions": [asdict(one) for one in self.conditions],
             "count": self.echoes,
             "repeats": self.repeats,
             "seed": self.seed,
             "tilt": self.tilt,
         }
         work, name = "procedures.range_chunks:echo_draws", f"{self.part}{_PART}{self.label}"
-        return [Chunk(f"{name}{_SET}{n}", work, given | {"number": n}) for n in range(self.sets)]
+        return [
+            Chunk(f"{name}{_SET}{n}", work, given | {"number": n, "conditions": self._in_set(n)})
+            for n in range(self.sets)
+        ]
+
+    def _in_set(self, number: int) -> list[dict[str, Any]]:
+        shares = self.shares or (1.0,) * len(self.conditions)
+        both = zip(self.conditions, shares, strict=True)
+        return [asdict(one) for one, share in both if number < share * self.sets]
 
 
 def noise_chunks(scene: Scene, levels_v: Sequence[float], windows: int, seed: int) -> list[Chunk]:
@@ -180,25 +190,35 @@ def collected(plan: CampaignPlan, results: Sequence[Results]) -> Collected:
         else:
             shots.setdefault((given["scene"], Condition(**given["condition"])), []).append(result["error_m"])
     return Collected(
-        tuple(_drawn(name, parts) for name, parts in echoes.items()),
+        tuple(drawn for name, parts in echoes.items() for drawn in _drawn(name, parts)),
         {key: np.concatenate(rows) for key, rows in noise.items()},
         {key: np.concatenate(rows) for key, rows in shots.items()},
     )
 
 
-def _drawn(name: str, parts: list[tuple[Mapping[str, Any], Results]]) -> Drawn:
+def _drawn(name: str, parts: list[tuple[Mapping[str, Any], Results]]) -> list[Drawn]:
+    """Put sets together, apart for conditions that are in different ones; those in most sets first."""
     part, _, label = name.partition(_PART)
+    sets: dict[Condition, list[tuple[int, int]]] = {}
+    for number, (given, _) in enumerate(parts):
+        for row, one in enumerate(given["conditions"]):
+            sets.setdefault(Condition(**one), []).append((number, row))
+    alike: dict[tuple[int, ...], list[Condition]] = {}
+    for condition, places in sets.items():
+        alike.setdefault(tuple(number for number, _ in places), []).append(condition)
     given = parts[0][0]
-    arrays = {
-        # Hits have the condition before the draw.
-        key: np.concatenate([one[key] for _, one in parts], axis=1 if key in EchoHits.__slots__ else 0)
-        for key in parts[0][1]
-    }
-    return Drawn(
-        part,
-        label,
-        parse_scene(given["scene"]),
-        (given["slopes_deg"][0], given["slopes_deg"][1]),
-        tuple(Condition(**one) for one in given["conditions"]),
-        arrays,
-    )
+    slopes_deg = (given["slopes_deg"][0], given["slopes_deg"][1])
+    found = []
+    for numbers, conditions in sorted(alike.items(), key=lambda pair: -len(pair[0])):
+        arrays: dict[str, NDArray[Any]] = {}
+        for key in parts[0][1]:
+            if key in EchoHits.__slots__:
+                rows = [
+                    np.concatenate([parts[number][1][key][row] for number, row in sets[one]])
+                    for one in conditions
+                ]
+                arrays[key] = np.stack(rows)
+            else:
+                arrays[key] = np.concatenate([parts[number][1][key] for number in numbers])
+        found.append(Drawn(part, label, parse_scene(given["scene"]), slopes_deg, tuple(conditions), arrays))
+    return found

@@ -11,7 +11,7 @@ import numpy as np
 from belahil.values import Estimate
 from procedures.echo_hits import corrected_m
 from procedures.range_chunks import correction
-from procedures.range_scenes import Condition, noise_scene
+from procedures.range_scenes import DISTANCES_AU, LIGHTS, Condition, noise_scene
 from procedures.range_statistics import (
     BruteCell,
     CellDraws,
@@ -171,15 +171,15 @@ class Headline:
 def headline(found: Collected, laws: Mapping[str, LevelLaws]) -> Headline:
     """Make the headline table of what was drawn."""
     rows: list[TableCell] = []
-    by_centre, by_plane = {}, {}
+    by_centre: dict[float, tuple[float, float]] = {}
+    by_plane: dict[float, tuple[float, float]] = {}
     used: dict[float, NoiseClusters] = {}
     for drawn in found.of("table"):
         text, key = as_toml(drawn.scene), as_toml(noise_scene(drawn.scene))
         altitude_m, curve = drawn.scene.altitude_m, correction(drawn.scene)
-        by_centre[altitude_m], by_plane[altitude_m] = (
-            (float(values.mean()), float(values.std()))
-            for values in (drawn.arrays["by_centre_m"], drawn.arrays["by_plane_m"])
-        )
+        for changes, values in ((by_centre, "by_centre_m"), (by_plane, "by_plane_m")):
+            # The first of an altitude has most echoes.
+            changes.setdefault(altitude_m, _two(drawn.arrays[values]))
         for row, cell in enumerate(cells(drawn, laws)):
             level_v = cell.condition.noise_rms_v
             used[level_v] = laws[key].at(level_v)
@@ -192,4 +192,14 @@ def headline(found: Collected, laws: Mapping[str, LevelLaws]) -> Headline:
                     None if shots is None else brute_cell(shots, cell.bias.value),
                 )
             )
-    return Headline(tuple(rows), tuple(used.values()), by_centre, by_plane)
+    return Headline(tuple(sorted(rows, key=_place)), tuple(used.values()), by_centre, by_plane)
+
+
+def _two(values: NDArray[np.float64]) -> tuple[float, float]:
+    return float(values.mean()), float(values.std())
+
+
+def _place(one: TableCell) -> tuple[float, int, int, float]:
+    condition = one.cell.condition
+    distance, light = list(DISTANCES_AU).index(condition.distance), LIGHTS.index(condition.light)
+    return one.cell.altitude_m, distance, light, condition.reflectance

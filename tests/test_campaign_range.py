@@ -12,6 +12,8 @@ import pytest
 from msgspec import structs
 from scipy.stats import poisson
 
+from belahil.campaign_run import CampaignPlan
+from belahil.chunks import work
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from procedures import range_chunks, range_ground, range_parts
@@ -25,7 +27,7 @@ from procedures.noise_colour import autocorrelation
 from procedures.noise_tilt import MOST, UNTILTED, fitting_tilt, tilted_noise
 from procedures.range_ground import GroundKey, Places, Strips, described, flat_terrains, footprints, places
 from procedures.range_histograms import EDGES, histogram, worth
-from procedures.range_points import Drawn
+from procedures.range_points import Drawn, Point, collected
 from procedures.range_scenes import (
     DISTANCES_AU,
     RISE,
@@ -622,3 +624,22 @@ def test_draws_about_dark_ground_are_refused() -> None:
     at = on(strips(), 6.25, (5.0, 15.0), 1, 1)
     with pytest.raises(RefusedInput, match="reflectance of 1"):
         local_draws(grey, at, 17e-9, Draws(1, 0))
+
+
+def test_sets_that_look_at_fewer_conditions_are_put_together_by_condition() -> None:
+    # given a point of four sets, of which the second condition is in the first two alone
+    cells = conditions(base_scene(500e3))[:2]
+    point = Point(
+        "table", "500 km", base_scene(500e3), cells, 3, 2, 4, 1, GroundKey("plane"), shares=(1.0, 0.5)
+    )
+    chunks = point.chunks()
+    assert [len(one.given["conditions"]) for one in chunks] == [2, 2, 1, 1]
+    results = [work(one.work, one.given) for one in chunks]
+    found = collected(CampaignPlan(tuple(chunks), "", 1), results).points
+    # then each condition has the draws of its own sets, row by row
+    assert [one.conditions for one in found] == [(cells[0],), (cells[1],)]
+    assert [one.arrays["still_m"].size for one in found] == [12, 6]
+    for drawn, row, sets in ((found[0], 0, 4), (found[1], 1, 2)):
+        own = np.concatenate([results[n]["arrival_s"][row] for n in range(sets)])
+        assert np.array_equal(drawn.arrays["arrival_s"][0], own)
+        assert drawn.arrays["weight"].size == drawn.arrays["arrival_s"].shape[1]
