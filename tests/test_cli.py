@@ -795,3 +795,18 @@ def test_lines_come_now_and_then(capsys: Captured, monkeypatch: pytest.MonkeyPat
         for done in range(1, 5):
             progress(done, 4)
     assert capsys.readouterr().err == "2 of 4 windows, 6 s left\n4 of 4 windows, 0 s left\n"
+
+
+def test_the_first_call_may_tell_what_was_there_before(
+    capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from belahil.cli.progress import shown
+
+    # given a job that says at once that 6 of 10 are done, and does one more in 6 s
+    now = iter([0.0, 0.5, 6.5])
+    monkeypatch.setattr("belahil.cli.progress.time.monotonic", lambda: next(now))
+    with shown(False, things="chunks") as progress:
+        progress(6, 10)
+        progress(7, 10)
+    # then the pace is that of the one
+    assert capsys.readouterr().err == "7 of 10 chunks, 18 s left\n"

@@ -142,9 +142,8 @@ def _compute(plan: CampaignPlan, run: CampaignRun, place: Place) -> None:
     from belahil.executors import cluster_workers, local_workers
 
     workers = local_workers(place.workers) if place.cluster is None else cluster_workers(place.cluster)
-    kept = sum(map(run.store.has, plan.chunks))
     begun = time.monotonic()
-    with shown(place.quiet, kept, "chunks") as progress:
+    with shown(place.quiet, things="chunks") as progress:
         done = run_chunks(plan.chunks, run.store, workers.open, workers.in_flight, progress, run.log)
     signals.check()
     pace = f"{done} chunks on {workers.count} workers in {time.monotonic() - begun:.1f} s"

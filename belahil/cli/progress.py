@@ -39,7 +39,9 @@ def left_s(done: int, total: int, kept: int, elapsed_s: float) -> float:
 
 
 @contextmanager
-def shown(quiet: bool, kept: int, things: str = "windows") -> Iterator[Callable[[int, int], None]]:
+def shown(
+    quiet: bool, kept: int | None = None, things: str = "windows"
+) -> Iterator[Callable[[int, int], None]]:
     """Yield what a procedure calls after each shot, with (done, total).
 
     It is also where an interrupt that waited for the end of a shot takes effect.
@@ -48,8 +50,8 @@ def shown(quiet: bool, kept: int, things: str = "windows") -> Iterator[Callable[
     ----------
     quiet : bool
         Show nothing.
-    kept : int
-        Shots that were measured before.
+    kept : int or None
+        Shots that were measured before; None: what the first call says is done.
     things : str
         What is counted.
     """
@@ -62,13 +64,17 @@ def shown(quiet: bool, kept: int, things: str = "windows") -> Iterator[Callable[
         yield _every(PLAIN_EVERY_S, kept, partial(_line, things))
 
 
-def _every(pause_s: float, kept: int, tell: Callable[[int, int, float], None]) -> Callable[[int, int], None]:
+def _every(
+    pause_s: float, kept: int | None, tell: Callable[[int, int, float], None]
+) -> Callable[[int, int], None]:
     begun = last = time.monotonic()
 
     def progress(done: int, total: int) -> None:
-        nonlocal last
+        nonlocal begun, last, kept
         signals.check()
         now = time.monotonic()
+        if kept is None:
+            kept, begun = done, now
         if now - last >= pause_s or done == total:
             last = now
             tell(done, total, left_s(done, total, min(kept, done), now - begun))
@@ -81,7 +87,7 @@ def _line(things: str, done: int, total: int, left: float) -> None:
 
 
 @contextmanager
-def _bar(kept: int, things: str) -> Iterator[Callable[[int, int], None]]:
+def _bar(kept: int | None, things: str) -> Iterator[Callable[[int, int], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
