@@ -123,8 +123,9 @@ class GridEcho:
         turned = laser.beam_azimuth_deg % 180 if laser.beam == "elliptical" else 0.0
         if laser.beam == "image" or turned not in (0.0, 90.0):
             raise RefusedInput("echoes from posts need a Gaussian beam, or an ellipse along x or y")
-        if np.abs(relief.values).max() + plan.radius_m > 1e-3 * altitude_m:
-            raise RefusedInput("echoes from posts need heights and a footprint below 1e-3 of the altitude")
+        # The series of the slant path is then wrong by 1e-12 of the altitude at most.
+        if np.abs(relief.values).max() + plan.radius_m > 4e-3 * altitude_m:
+            raise RefusedInput("echoes from posts need heights and a footprint below 4e-3 of the altitude")
         sigma_m = beam_sigma_m(laser, altitude_m)
         self._sigma_m = sigma_m[::-1] if turned else sigma_m
         self._brightness, self._reflectance = _brightness(surface, relief)

@@ -171,6 +171,18 @@ def shifted(grid: object, x: float, y: float) -> object:
     return replace(grid, x_min_m=grid.x_min_m - x, y_min_m=grid.y_min_m - y)
 
 
+def test_an_altitude_just_above_the_heights_keeps_the_slant_path() -> None:
+    # Given ground and footprint that are 3.9e-3 of the altitude, under the same spot of light
+    altitude_m = 11.8e3
+    laser = structs.replace(LASER, divergence_rad=LASER.divergence_rad * ALTITUDE_M / altitude_m)
+    fast = GridEcho(terrain(), laser, altitude_m, PLAN, KERNEL, INTERVAL_S, 42)
+
+    samples, _ = fast.samples(CENTRES_M[:1], np.array([-1.5e-7]))
+
+    true = echo(KERNEL, delays(terrain(), laser, altitude_m, PLAN, align_s=-1.5e-7), -1.5e-7, INTERVAL_S, 42)
+    np.testing.assert_allclose(samples[0], true, rtol=0, atol=1e-7 * kernel_peak(KERNEL))
+
+
 def test_light_outside_of_the_window_does_not_reach_it() -> None:
     fast = GridEcho(terrain(), LASER, ALTITUDE_M, PLAN, KERNEL, INTERVAL_S, 42)
 
