@@ -268,6 +268,7 @@ def _attributes(summary: Mapping[str, Any]) -> dict[str, str]:
         "verdict": summary["verdict"],
         "bench": summary["source"],
         **{f"instrument_{part}": identity for part, identity in summary["instruments"].items()},
+        **{f"definition_of_{name}": told for name, told in summary["results"].get("definitions", {}).items()},
     }
 
 

@@ -11,6 +11,7 @@ from procedures.range_ground import GroundKey
 from procedures.range_parts import PARTS, brute_chunks, levels_chunks, points
 from procedures.range_points import collected
 from procedures.range_scenes import base_scene
+from procedures.range_truth import Definitions
 from sim.scene import as_toml
 
 if TYPE_CHECKING:
@@ -49,11 +50,13 @@ class RangeOptions:
         Of the fractals.
     terrain : str or None
         A GeoTIFF, or a scene over a grid of posts, for a column of its own; None: none.
+    truth, by_beam
+        As in `procedures.range_truth.Definitions`.
 
     Raises
     ------
     RefusedInput
-        A number below what statistics need, or a part that is none.
+        A number below what statistics need, or a part or a truth that is none.
     """
 
     parts: tuple[str, ...] = PARTS
@@ -66,6 +69,8 @@ class RangeOptions:
     seed: int = 1
     ground_seed: int = 100
     terrain: str | None = None
+    truth: str = "light"
+    by_beam: bool = False
 
     def __post_init__(self) -> None:
         for name, least in (*_LEAST.items(), ("ground_seed", 0)):
@@ -76,6 +81,12 @@ class RangeOptions:
         unknown = [one for one in self.parts if one not in PARTS]
         if unknown or not self.parts:
             raise RefusedInput(f"--parts {','.join(self.parts)}: allowed are {', '.join(PARTS)}")
+        Definitions(self.truth, self.by_beam)
+
+    @property
+    def definitions(self) -> Definitions:
+        """Of true range, slope and roughness."""
+        return Definitions(self.truth, self.by_beam)
 
     @property
     def ground(self) -> GroundKey:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 from functools import lru_cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from procedures.noise_tilt import fitting_tilt, tilted_noise
 from procedures.range_ground import Places, Strips, footprints
 from procedures.range_points import fit_name
 from procedures.range_scenes import Condition, cell_scene
+from procedures.range_truth import Definitions
 from procedures.window_peaks import piece_peaks, window_peaks
 from sim.accuracy import Accuracy
 from sim.chain import Chain
@@ -61,10 +63,16 @@ def correction(scene: Scene) -> DelayCurve:
 
 
 def _footprints(
-    scene: Scene, ground: Mapping[str, Any], slopes_deg: Sequence[float], count: int, draws: Draws
+    scene: Scene,
+    ground: Mapping[str, Any],
+    slopes_deg: Sequence[float],
+    count: int,
+    draws: Draws,
+    definitions: Mapping[str, Any],
 ) -> tuple[Strips, Places]:
     sigma_m = beam_sigma_m(scene.laser, scene.altitude_m)[0]
-    return footprints(ground, sigma_m, (slopes_deg[0], slopes_deg[1]), count, draws)
+    slopes = (slopes_deg[0], slopes_deg[1])
+    return footprints(ground, sigma_m, slopes, count, draws, Definitions(**definitions))
 
 
 def echo_draws(
@@ -77,6 +85,7 @@ def echo_draws(
     seed: int,
     number: int,
     tilt: float | None = None,
+    definitions: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, NDArray[Any]]:
     """Draw shots about their echoes, for all conditions at once.
 
@@ -98,18 +107,20 @@ def echo_draws(
         Key of the draws.
     tilt : float or None
         Of the noise; None: what fits the faintest condition.
+    definitions : mapping
+        Fields of `procedures.range_truth.Definitions` that are not its defaults.
 
     Returns
     -------
     dict
         ``hit, score_v, ahead, arrival_s, width_s`` of shape (conditions, n, 2), `EchoHits`, and ``weight`` of
         shape (n,); the fields of `LinearErrors`, its ``width_s`` by the name ``fit_s``; ``slope_deg,
-        roughness_m, by_centre_m, by_plane_m`` of shape (echoes,), the last two the one-way change of the true
-        range with the other definitions.
+        roughness_m, by_light_m, by_centre_m, by_plane_m`` of shape (echoes,), the last three the one-way
+        change of the true range with each of the definitions.
     """
     read = parse_scene(scene)
     draws, curve = Draws(seed, number), correction(read)
-    land, at = _footprints(read, ground, slopes_deg, count, draws)
+    land, at = _footprints(read, ground, slopes_deg, count, draws, definitions)
     chain = Chain(read, Accuracy(TOLERANCE), land.surface)
     finder = chain.range_finder
     drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws, repeats)
@@ -127,6 +138,7 @@ def echo_draws(
         "weight": drawn.weight,
         "slope_deg": at.slope_deg,
         "roughness_m": at.roughness_m,
+        "by_light_m": HALF_LIGHT * (at.true_by_light_s - at.true_s),
         "by_centre_m": HALF_LIGHT * (at.true_by_centre_s - at.true_s),
         "by_plane_m": HALF_LIGHT * (at.true_by_plane_s - at.true_s),
     }
@@ -179,12 +191,13 @@ def whole_shots(
     count: int,
     seed: int,
     number: int,
+    definitions: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, NDArray[Any]]:
     """Take whole shots of one cell: brute force.
 
     Parameters
     ----------
-    scene, ground, slopes_deg, count, seed, number
+    scene, ground, slopes_deg, count, seed, number, definitions
         As in `echo_draws`.
     condition : dict
         Fields of `procedures.range_scenes.Condition`.
@@ -195,7 +208,7 @@ def whole_shots(
         ``error_m``: corrected one-way error of the candidate nearest to the truth, shape (n,).
     """
     read = cell_scene(parse_scene(scene), Condition(**condition))
-    land, at = _footprints(read, ground, slopes_deg, count, Draws(seed, number))
+    land, at = _footprints(read, ground, slopes_deg, count, Draws(seed, number), definitions)
     own = Surface(land.surface.kind, relief=land.surface.relief, albedo=read.surface.reflectance)
     chain = Chain(structs.replace(read, seed=seed), Accuracy(TOLERANCE), own)
     shots = number * at.true_s.size + np.arange(at.true_s.size)

@@ -16,6 +16,7 @@ import numpy as np
 from belahil.errors import RefusedInput
 from procedures.arrival_ground import EXTENT_M
 from procedures.footprint_planes import FootprintPlanes, footprint_planes
+from procedures.range_truth import USUAL, Definitions
 from procedures.study_ground import LEVELS, fractal, terrain_file
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.terrain import Surface, gradient_of
@@ -73,16 +74,17 @@ class Places:
     strip : ndarray of int64
         On which terrain.
     true_s : ndarray of float64
-        Two-way time from the gate at nominal pointing, 2 (0 - z) / c weighted by the beam, s.
-    true_by_centre_s, true_by_plane_s : ndarray of float64
-        The same of the post in the middle, and of the plane there, s.
+        Two-way time from the gate at nominal pointing by the definition that holds, s.
+    true_by_light_s, true_by_centre_s, true_by_plane_s : ndarray of float64
+        2 (0 - z) / c weighted by the beam, of the post in the middle, and of the plane there, s.
     slope_deg, roughness_m : ndarray of float64
-        Of the plane over the 1/e^2 disc.
+        Of the plane that the definitions name.
     """
 
     centre_m: NDArray[np.float64]
     strip: NDArray[np.int64]
     true_s: NDArray[np.float64]
+    true_by_light_s: NDArray[np.float64]
     true_by_centre_s: NDArray[np.float64]
     true_by_plane_s: NDArray[np.float64]
     slope_deg: NDArray[np.float64]
@@ -128,9 +130,9 @@ class Strips:
         return tuple(found)
 
 
-def described(flats: tuple[Grid, ...], sigma_m: float) -> tuple[FootprintPlanes, ...]:
+def described(flats: tuple[Grid, ...], sigma_m: float, by_beam: bool = False) -> tuple[FootprintPlanes, ...]:
     """Return what lies under a round beam of `sigma_m` at the posts of each; as `footprint_planes`."""
-    return tuple(footprint_planes(relief, sigma_m, _MARGIN * sigma_m) for relief in flats)
+    return tuple(footprint_planes(relief, sigma_m, _MARGIN * sigma_m, by_beam=by_beam) for relief in flats)
 
 
 @lru_cache(maxsize=3)
@@ -168,12 +170,19 @@ def strips(ground: GroundKey) -> Strips:
 
 
 @lru_cache(maxsize=2)
-def _flat_planes(kind: str, seed: int, factor: float, sigma_m: float) -> tuple[FootprintPlanes, ...]:
-    return described(flat_terrains(kind, seed, factor), sigma_m)
+def _flat_planes(
+    kind: str, seed: int, factor: float, sigma_m: float, by_beam: bool
+) -> tuple[FootprintPlanes, ...]:
+    return described(flat_terrains(kind, seed, factor), sigma_m, by_beam)
 
 
 def footprints(
-    given: Mapping[str, Any], sigma_m: float, slopes_deg: tuple[float, float], count: int, draws: Draws
+    given: Mapping[str, Any],
+    sigma_m: float,
+    slopes_deg: tuple[float, float],
+    count: int,
+    draws: Draws,
+    definitions: Definitions = USUAL,
 ) -> tuple[Strips, Places]:
     """Return a ground and places on it.
 
@@ -181,13 +190,17 @@ def footprints(
     ----------
     given : mapping
         Fields of `GroundKey`.
-    sigma_m, slopes_deg, count, draws
+    sigma_m : float
+        Of the round beam, m.
+    slopes_deg, count, draws
         As in `places`.
+    definitions : Definitions
+        Of the true time, and of slope and roughness.
     """
     key = GroundKey(**given)
     ground = strips(key)
-    planes = ground.planes(_flat_planes(key.kind, key.seed, key.factor, sigma_m))
-    return ground, places(ground, planes, slopes_deg, count, draws)
+    flat = _flat_planes(key.kind, key.seed, key.factor, sigma_m, definitions.by_beam)
+    return ground, places(ground, ground.planes(flat), slopes_deg, count, draws, definitions.truth)
 
 
 def places(
@@ -196,6 +209,7 @@ def places(
     slopes_deg: tuple[float, float],
     count: int,
     draws: Draws,
+    truth: str = "light",
 ) -> Places:
     """Draw places at which the plane has a slope, as many on each terrain.
 
@@ -209,6 +223,8 @@ def places(
         On each terrain; where fewer posts serve, some are taken more than once.
     draws : Draws
         "places".
+    truth : str
+        Key of `procedures.range_truth.TRUTHS`.
 
     Raises
     ------
@@ -223,7 +239,7 @@ def places(
         serving = np.flatnonzero((slope >= slopes_deg[0]) & (slope <= slopes_deg[1]))
         if serving.size:
             chosen = stream.choice(serving, count, replace=serving.size < count)
-            found.append(_places(ground, under, chosen, number))
+            found.append(_places(ground, under, chosen, number, truth))
     if not found:
         raise RefusedInput(
             f"slopes of {slopes_deg[0]:g} to {slopes_deg[1]:g} deg: the footprints on this ground have "
@@ -234,16 +250,18 @@ def places(
 
 
 def _places(
-    ground: Strips, planes: FootprintPlanes, chosen: NDArray[np.int64], number: int
+    ground: Strips, planes: FootprintPlanes, chosen: NDArray[np.int64], number: int, truth: str
 ) -> tuple[NDArray[np.float64], ...]:
     row, column = np.unravel_index(chosen, planes.light_m.shape)
     x_m = ground.middles_m[number] + ground.away_m[column + planes.margin]
     y_m = ground.away_m[row + planes.margin]
-    heights = (planes.light_m, planes.centre_m, planes.plane_m)
+    heights = {"light": planes.light_m, "centre": planes.centre_m, "plane": planes.plane_m}
+    times_s = {key: -2 / SPEED_OF_LIGHT_M_PER_S * one.ravel()[chosen] for key, one in heights.items()}
     return (
         np.stack([x_m, y_m], axis=1),
         np.full(chosen.size, number),
-        *(-2 / SPEED_OF_LIGHT_M_PER_S * one.ravel()[chosen] for one in heights),
+        times_s[truth],
+        *times_s.values(),
         planes.slope_deg.ravel()[chosen],
         planes.roughness_m.ravel()[chosen],
     )

@@ -15,6 +15,7 @@ from procedures.range_parts import HISTOGRAM_ALTITUDES_M
 from procedures.range_scenes import MEAN_REFLECTANCE
 from procedures.range_statistics import CHANCE
 from procedures.range_table import cells, headline
+from procedures.range_truth import TRUTHS
 from procedures.range_variant_outcome import (
     bias_part,
     budget_part,
@@ -26,6 +27,7 @@ from procedures.range_variant_outcome import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from belahil.outcome import Column
     from belahil.values import Estimate
     from procedures.noise_clusters import LevelLaws
     from procedures.range_points import Collected
@@ -35,15 +37,10 @@ if TYPE_CHECKING:
     """Results, tables and figures."""
 
 NOTES = (
-    "True range: c/2 times the beam-weighted mean of the two-way time 2 (H - z) / c at nominal pointing. "
-    "With the post in the middle, or the plane there, in the place of the mean it would change as "
-    "`definitions` tells.",
-    "Slope and roughness: tilt of, and standard deviation about, the least-squares plane over the 1/e^2 "
-    "disc, every post alike. The cells hold footprints with a slope of 9 to 11 degrees.",
-    "False detection: the candidate nearest to the truth is more than 10 m off, after the correction of "
-    "arrivals.",
-    "Error: rms over detections after the calibrated bias was taken off. The bias, the mean that the "
-    "correction leaves without noise at that altitude, is told apart, and so is the mean error with noise.",
+    "With another definition in the place of this one the true range would change as `truths` of the table "
+    "tells. The cells hold footprints with a slope of 9 to 11 degrees.",
+    "The calibrated bias is the mean that the correction leaves without noise at that altitude; the mean "
+    "error with noise is told apart.",
     "Arrivals are corrected by the project's own curve: the delay of Gaussian pulses behind the receiver's "
     "filter against the detected width; beyond its widths, 20 to 110 ns, its ends are held.",
     "Ground: the eleven fractals, Hurst exponent 0.8, each tilted by 10 degrees towards a side of its own. "
@@ -61,7 +58,8 @@ NOTES = (
 def outcome(found: Collected) -> Outcome:
     """Make the outcome of all parts that were computed."""
     laws = found.laws()
-    results: dict[str, Any] = {"chance_detection": CHANCE}
+    definitions = found.definitions.told()
+    results: dict[str, Any] = {"definitions": definitions, "chance_detection": CHANCE}
     tables: dict[str, Table] = {}
     figures: dict[str, Callable[[], Figure]] = {}
     made: dict[str, tuple[str, Callable[[Collected, Mapping[str, LevelLaws]], Part]]] = {
@@ -80,7 +78,7 @@ def outcome(found: Collected) -> Outcome:
             results[name] = told
             tables |= more
             figures |= drawn
-    return Outcome(results=results, tables=tables, figures=figures, notes=NOTES)
+    return Outcome(results=results, tables=tables, figures=figures, notes=(*definitions.values(), *NOTES))
 
 
 def _headline(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
@@ -94,13 +92,10 @@ def _headline(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
             if one.cell.condition.light == "night"
         },
         "cells": [_table_row(one) for one in made.cells],
-        "definitions": [
-            {
-                "altitude_m": altitude_m,
-                "by_centre_m": dict(zip(("mean", "std"), of_centre, strict=True)),
-                "by_plane_m": dict(zip(("mean", "std"), made.by_plane[altitude_m], strict=True)),
-            }
-            for altitude_m, of_centre in made.by_centre.items()
+        "truths": [
+            {"altitude_m": altitude_m, "truth": truth, "mean_m": mean_m, "std_m": std_m}
+            for altitude_m, changes in made.truths.items()
+            for truth, (mean_m, std_m) in changes.items()
         ],
         "noise_clusters": [
             {
@@ -112,7 +107,18 @@ def _headline(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
             for law in made.laws
         ],
     }
-    return told, {"cell": _table(made.cells)}, {"range-table": lambda: table_figure(made)}
+    tables = {"cell": _table(made.cells), "truth_altitude": _truths(made.truths)}
+    return told, tables, {"range-table": lambda: table_figure(made)}
+
+
+def _truths(truths: Mapping[float, Mapping[str, tuple[float, float]]]) -> Table:
+    columns: dict[str, Column] = {"truth_altitude": (np.array(list(truths)), "m", "altitude")}
+    for truth in TRUTHS:
+        for place, name in enumerate(("mean", "std")):
+            values = np.array([one[truth][place] for one in truths.values()])
+            told = f"{name} of the change of the true range with the definition {truth}"
+            columns[f"truth_by_{truth}_{name}"] = (values, "m", told)
+    return Table(columns, "truth_altitude")
 
 
 def _altitude(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:

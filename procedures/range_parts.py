@@ -82,7 +82,8 @@ def points(options: RangeOptions) -> Iterator[Point]:
     }
     for number, part in enumerate(PARTS):
         if part in options.parts:
-            yield from made[part](options, options.seed + _SETS_APART * number)
+            for point in made[part](options, options.seed + _SETS_APART * number):
+                yield replace(point, definitions=options.definitions)
 
 
 def levels_chunks(every: Sequence[Point], options: RangeOptions, seed: int) -> list[Chunk]:
@@ -171,6 +172,7 @@ def brute_chunks(options: RangeOptions, seed: int) -> list[Chunk]:
                 "count": options.shots,
                 "seed": seed,
                 "number": 0,
+                "definitions": asdict(options.definitions),
             }
             name = f"shots from {altitude_m / 1e3:g} km, {one.light}, reflectance {one.reflectance:g}"
             chunks.append(Chunk(name, "procedures.range_chunks:whole_shots", given))

@@ -13,6 +13,7 @@ from procedures.echo_hits import EchoHits
 from procedures.noise_clusters import LevelLaws, fit_clusters
 from procedures.range_ground import GroundKey
 from procedures.range_scenes import SLOPES_DEG, Condition, noise_scene
+from procedures.range_truth import USUAL, Definitions
 from sim.scene import Scene, as_toml, parse_scene
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ class Point:
         Of the noise, see `procedures.noise_tilt`; None: what fits the faintest condition.
     shares : tuple of float
         Part of the sets in which each condition is looked at, the first ones; empty: all of all.
+    definitions : Definitions
+        Of true range and planes.
     """
 
     part: str
@@ -68,6 +71,7 @@ class Point:
     slopes_deg: tuple[float, float] = SLOPES_DEG
     tilt: float | None = None
     shares: tuple[float, ...] = ()
+    definitions: Definitions = USUAL
 
     def chunks(self) -> list[Chunk]:
         """Return the work of this point."""
@@ -79,6 +83,7 @@ class Point:
             "repeats": self.repeats,
             "seed": self.seed,
             "tilt": self.tilt,
+            "definitions": asdict(self.definitions),
         }
         work, name = "procedures.range_chunks:echo_draws", f"{self.part}{_PART}{self.label}"
         return [
@@ -157,11 +162,14 @@ class Collected:
         Largest peaks by the TOML of `noise_scene` and level, V, shape (windows, k).
     shots : mapping of (str, Condition) to ndarray
         Errors of whole shots by the TOML of the scene and condition, m.
+    definitions : Definitions
+        Of true range and planes.
     """
 
     points: tuple[Drawn, ...]
     noise: Mapping[tuple[str, float], NDArray[np.float64]]
     shots: Mapping[tuple[str, Condition], NDArray[np.float64]]
+    definitions: Definitions = USUAL
 
     def laws(self) -> dict[str, LevelLaws]:
         """Fit the law of noise peaks of each receiver at its levels."""
@@ -180,8 +188,11 @@ def collected(plan: CampaignPlan, results: Sequence[Results]) -> Collected:
     noise: dict[tuple[str, float], list[NDArray[np.float64]]] = {}
     echoes: dict[str, list[tuple[Mapping[str, Any], Results]]] = {}
     shots: dict[tuple[str, Condition], list[NDArray[np.float64]]] = {}
+    definitions = USUAL
     for chunk, result in zip(plan.chunks, results, strict=True):
         work, given = chunk.work.partition(":")[2], chunk.given
+        if "definitions" in given:
+            definitions = Definitions(**given["definitions"])
         if work == "noise_peaks":
             for level_v, rows in zip(given["noise_rms_v"], result["score_v"], strict=True):
                 noise.setdefault((given["scene"], level_v), []).append(rows)
@@ -193,6 +204,7 @@ def collected(plan: CampaignPlan, results: Sequence[Results]) -> Collected:
         tuple(drawn for name, parts in echoes.items() for drawn in _drawn(name, parts)),
         {key: np.concatenate(rows) for key, rows in noise.items()},
         {key: np.concatenate(rows) for key, rows in shots.items()},
+        definitions,
     )
 
 

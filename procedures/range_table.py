@@ -22,6 +22,7 @@ from procedures.range_statistics import (
     linear_spread,
     weighted_rms,
 )
+from procedures.range_truth import TRUTHS
 from sim.scene import as_toml
 
 if TYPE_CHECKING:
@@ -157,29 +158,25 @@ class Headline:
         By altitude and condition.
     laws : tuple of NoiseClusters
         Of the noise peaks, by the level.
-    by_centre, by_plane : mapping of float to tuple of float
-        By altitude: mean and standard deviation of the change of the true range with the other definitions,
-        m.
+    truths : mapping of float to mapping of str to tuple of float
+        By altitude and definition: mean and standard deviation of the change of the true range with it, m.
     """
 
     cells: tuple[TableCell, ...]
     laws: tuple[NoiseClusters, ...]
-    by_centre: Mapping[float, tuple[float, float]]
-    by_plane: Mapping[float, tuple[float, float]]
+    truths: Mapping[float, Mapping[str, tuple[float, float]]]
 
 
 def headline(found: Collected, laws: Mapping[str, LevelLaws]) -> Headline:
     """Make the headline table of what was drawn."""
     rows: list[TableCell] = []
-    by_centre: dict[float, tuple[float, float]] = {}
-    by_plane: dict[float, tuple[float, float]] = {}
+    truths: dict[float, dict[str, tuple[float, float]]] = {}
     used: dict[float, NoiseClusters] = {}
     for drawn in found.of("table"):
         text, key = as_toml(drawn.scene), as_toml(noise_scene(drawn.scene))
         altitude_m, curve = drawn.scene.altitude_m, correction(drawn.scene)
-        for changes, values in ((by_centre, "by_centre_m"), (by_plane, "by_plane_m")):
-            # The first of an altitude has most echoes.
-            changes.setdefault(altitude_m, _two(drawn.arrays[values]))
+        # The first of an altitude has most echoes.
+        truths.setdefault(altitude_m, {key: _two(drawn.arrays[f"by_{key}_m"]) for key in TRUTHS})
         for row, cell in enumerate(cells(drawn, laws)):
             level_v = cell.condition.noise_rms_v
             used[level_v] = laws[key].at(level_v)
@@ -192,7 +189,7 @@ def headline(found: Collected, laws: Mapping[str, LevelLaws]) -> Headline:
                     None if shots is None else brute_cell(shots, cell.bias.value),
                 )
             )
-    return Headline(tuple(sorted(rows, key=_place)), tuple(used.values()), by_centre, by_plane)
+    return Headline(tuple(sorted(rows, key=_place)), tuple(used.values()), truths)
 
 
 def _two(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -279,7 +279,7 @@ def _places(
     )
     true_s = -2 / SPEED_OF_LIGHT_M_PER_S * light_m
     nothing = np.zeros(row.size)
-    return Places(centre_m, np.zeros(row.size, dtype=np.int64), true_s, true_s, true_s, nothing, nothing)
+    return Places(centre_m, np.zeros(row.size, dtype=np.int64), *(4 * (true_s,)), nothing, nothing)
 
 
 def _example(

@@ -27,6 +27,12 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of all draws; 1.")
 @click.option("--ground-seed", type=click.IntRange(min=0), metavar="N", help="Of the fractals; 100.")
 @click.option("--terrain", metavar="FILE|SCENE", help="A terrain model for a column of its own.")
+@click.option(
+    "--truth",
+    metavar="NAME",
+    help="What is the true range: light (mean under the beam), centre (post in the middle) or plane; light.",
+)
+@click.option("--by-beam", is_flag=True, default=None, help="Weigh planes by the beam, not the disc.")
 @campaign_options
 def command(
     parts: str | None,
@@ -39,6 +45,8 @@ def command(
     seed: int | None,
     ground_seed: int | None,
     terrain: str | None,
+    truth: str | None,
+    by_beam: bool | None,
     out: Path | None,
     resume: Path | None,
     workers: int | None,
@@ -61,6 +69,8 @@ def command(
         "seed": seed,
         "ground_seed": ground_seed,
         "terrain": _found_again(terrain),
+        "truth": truth,
+        "by_beam": by_beam,
     }
     place = Place(out, resume, workers, cluster, quiet, as_json)
     return perform("range", "RangeOptions", chosen, place, _lines)
@@ -74,9 +84,14 @@ def _found_again(terrain: str | None) -> str | None:
 
 
 def _lines(results: dict[str, Any]) -> list[str]:
+    definitions = [results["definitions"][name] for name in ("true_range", "slope_and_roughness")]
     if "table" not in results:
-        return [f"parts: {', '.join(key for key in results if isinstance(results[key], dict))}"]
-    lines = ["altitude  Sun         light  reflectance  error, m          PFD, %           by whole shots"]
+        parts = [key for key in results if isinstance(results[key], dict) and key != "definitions"]
+        return [*definitions, f"parts: {', '.join(parts)}"]
+    lines = [
+        *definitions,
+        "altitude  Sun         light  reflectance  error, m          PFD, %           by whole shots",
+    ]
     for one in results["table"]["cells"]:
         error, pfd, brute = one["error"], one["pfd"], one["brute"]
         told = "" if error is None else f"{error['value']:.3f} +- {error['standard_uncertainty']:.3f}"
