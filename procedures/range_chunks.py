@@ -46,6 +46,8 @@ TOLERANCE = 1e-3
 MIDDLE_WIDTH_S = 50e-9
 NOISE_PEAKS = 8
 """Largest of each window of noise that are kept."""
+_SHOTS_APART = 2**32
+"""Between the numbers of the first shots of chunks, whatever their size: none shares the noise of another."""
 
 
 @lru_cache(maxsize=8)
@@ -211,7 +213,7 @@ def whole_shots(
     land, at = _footprints(read, ground, slopes_deg, count, Draws(seed, number), definitions)
     own = Surface(land.surface.kind, relief=land.surface.relief, albedo=read.surface.reflectance)
     chain = Chain(structs.replace(read, seed=seed), Accuracy(TOLERANCE), own)
-    shots = number * at.true_s.size + np.arange(at.true_s.size)
+    shots = number * _SHOTS_APART + np.arange(at.true_s.size)
     found = ShotRows(chain).candidates(shots, at.centre_m)
     true_s = (at.true_s + chain.kernel.pulse.mean_s)[:, None]
     errors_m = corrected_m(correction(read), found.arrival_s - true_s, found.fwhm_s)

@@ -67,6 +67,8 @@ _MAP_SHARE = 4
 _SETS_APART = 0x10000
 """Between the seeds of parts: none shares the places and the noise of another."""
 _LEVELS = 8
+SHOTS_IN_CHUNK = 500
+"""Whole shots on each terrain at most, some 3 s of work: memory does not grow with the number of shots."""
 
 
 def points(options: RangeOptions) -> Iterator[Point]:
@@ -159,8 +161,9 @@ def _map(options: RangeOptions, seed: int) -> Iterator[Point]:
 
 
 def brute_chunks(options: RangeOptions, seed: int) -> list[Chunk]:
-    """Return whole shots of the cells of the table at mean distance, each on its own."""
+    """Return whole shots of the cells of the table at mean distance, each cell on its own, in equal parts."""
     chunks, scene = [], base_scene()
+    parts = -(-options.shots // SHOTS_IN_CHUNK)
     for altitude_m in ALTITUDES_M:
         text = as_toml(structs.replace(scene, altitude_m=altitude_m))
         for one in conditions(scene):
@@ -169,11 +172,13 @@ def brute_chunks(options: RangeOptions, seed: int) -> list[Chunk]:
                 "ground": asdict(options.ground),
                 "slopes_deg": list(SLOPES_DEG),
                 "condition": asdict(one),
-                "count": options.shots,
                 "seed": seed,
-                "number": 0,
                 "definitions": asdict(options.definitions),
             }
             name = f"shots from {altitude_m / 1e3:g} km, {one.light}, reflectance {one.reflectance:g}"
-            chunks.append(Chunk(name, "procedures.range_chunks:whole_shots", given))
+            for number in range(parts):
+                own = {"number": number, "count": (options.shots + number) // parts}
+                chunks.append(
+                    Chunk(f"{name}, set {number}", "procedures.range_chunks:whole_shots", given | own)
+                )
     return chunks

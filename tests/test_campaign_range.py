@@ -562,6 +562,32 @@ def test_a_plan_has_every_cell_once_and_every_window_of_noise_once() -> None:
     assert len(chunks) == len({one.key for one in chunks}) == 3 + 7 + 24
 
 
+@pytest.mark.parametrize("shots", [1, 499, 500, 501, 1700])
+def test_whole_shots_come_in_equal_parts_that_do_not_grow_with_their_number(shots: int) -> None:
+    chunks = range_parts.brute_chunks(RangeOptions(("table",), shots=shots), 3)
+    counts = [one.given["count"] for one in chunks]
+    assert sum(counts) == 24 * shots
+    assert max(counts) <= range_parts.SHOTS_IN_CHUNK
+    assert max(counts) - min(counts) <= 1
+    assert len({one.name for one in chunks}) == len({one.key for one in chunks}) == len(chunks)
+
+
+def test_parts_of_a_cell_share_no_shot_whatever_their_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    # given two parts of which the second is the smaller
+    taken: list[np.ndarray] = []
+    real = range_chunks.ShotRows.candidates
+
+    def candidates(rows, shots, centres_m=None):  # type: ignore[no-untyped-def]
+        taken.append(shots)
+        return real(rows, shots, centres_m)
+
+    monkeypatch.setattr(range_chunks.ShotRows, "candidates", candidates)
+    cell = asdict(conditions(base_scene(500e3))[0])
+    for number, count in ((0, 4), (1, 3)):
+        range_chunks.whole_shots(as_toml(base_scene(500e3)), PLANE, (9.0, 11.0), cell, count, 1, number)
+    assert not np.intersect1d(*taken).size
+
+
 def forget_grounds() -> None:
     for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
         one.cache_clear()

@@ -1,0 +1,211 @@
+"""The brute-force campaign on one and on two workers, beside a loop of pure arithmetic in as many processes.
+
+    python benchmarks/scaling.py                     # 5 repeats, some 8 minutes on an idle machine
+    python benchmarks/scaling.py --memory            # largest memory of a worker against the number of shots
+    python benchmarks/scaling.py --costs             # processor time of a shot by its stages, bytes on disk
+
+The whole shots of the range campaign run through the real engine: chunks to fresh processes, results to
+files. Everything is counted from the first chunk handed out to the last file: start of the processes,
+imports, the ground that each of them makes. Both numbers of workers are told in wall time, which other
+programs on the machine change, and in processor time of the busiest worker and of the process that hands out
+the chunks, one after the other, which they change little. The loop tells what the machine itself can give:
+two cores may share what they compute with. Repeats go in turn, and medians are told. Nothing asserts these
+figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+from belahil._blas import pin_to_one_thread  # noqa: E402
+
+pin_to_one_thread()
+
+import numpy as np  # noqa: E402
+from reference_loop import SAMPLES, one_round  # noqa: E402
+
+from belahil.chunks import Chunk, ChunkStore, run_chunks, work  # noqa: E402
+from belahil.executors import Workers, _processes  # noqa: E402
+from procedures.campaign_range import RangeOptions  # noqa: E402
+from procedures.range_parts import brute_chunks, levels_chunks, points  # noqa: E402
+
+SEED = 2
+
+
+def chunks_of(shots: int) -> list[Chunk]:
+    return brute_chunks(RangeOptions(("table",), shots=shots), SEED)
+
+
+def one_cell_of_each_altitude(shots: int) -> list[Chunk]:
+    return [chunk for chunk in chunks_of(shots) if "day, reflectance 0.17" in chunk.name]
+
+
+def children_cpu_s() -> list[float]:
+    """Processor time of each living child so far."""
+    import psutil
+
+    return [sum(one.cpu_times()[:2]) for one in psutil.Process().children()]
+
+
+def campaign(shots: int, count: int) -> dict[str, float]:
+    """Compute on fresh processes; wall time, and processor time of the busiest and of all."""
+    chunks, workers = chunks_of(shots), Workers(count, lambda: _processes(count))
+    busy: list[float] = []
+
+    def progress(done: int, total: int) -> None:
+        if done == total:
+            busy.extend(children_cpu_s())
+
+    with tempfile.TemporaryDirectory() as folder:
+        wall, own = time.perf_counter(), time.process_time()
+        run_chunks(chunks, ChunkStore(Path(folder)), workers.open, workers.in_flight, progress)
+        wall, own = time.perf_counter() - wall, time.process_time() - own
+    return {"wall_s": wall, "longest_s": max(busy) + own, "all_s": sum(busy) + own, "handing_out_s": own}
+
+
+def rounds(count: int) -> float:
+    angles = np.linspace(0.0, 1000.0, SAMPLES)
+    begun = time.process_time()
+    for _ in range(count):
+        one_round(angles)
+    return time.process_time() - begun
+
+
+def loop(total: int, count: int) -> dict[str, float]:
+    """The same number of rounds on so many processes that are there already."""
+    import multiprocessing
+
+    with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool:
+        list(pool.map(rounds, [200] * (4 * count)))
+        begun = time.perf_counter()
+        busy = list(pool.map(rounds, [total // count] * count))
+        return {"wall_s": time.perf_counter() - begun, "longest_s": max(busy), "all_s": sum(busy)}
+
+
+def speedups(repeats: int, shots: int, total: int) -> dict[str, Any]:
+    chunks = len(chunks_of(shots))
+    print(f"{chunks} chunks of whole shots, {24 * 11 * shots} shots; {os.cpu_count()} cores", flush=True)
+    runs: list[dict[str, Any]] = []
+    for _ in range(repeats):
+        run: dict[str, Any] = {}
+        for count in (1, 2):
+            run[f"loop {count}"] = loop(total, count)
+            run[f"campaign {count}"] = campaign(shots, count)
+        runs.append(run)
+        for clock in ("wall_s", "longest_s"):
+            pure, ours = (run[f"{one} 1"][clock] / run[f"{one} 2"][clock] for one in ("loop", "campaign"))
+            run[clock] = {"loop": pure, "campaign": ours, "ratio": ours / pure}
+        print(told(run), flush=True)
+    median = {
+        clock: {
+            one: statistics.median(run[clock][one] for run in runs) for one in ("loop", "campaign", "ratio")
+        }
+        for clock in ("wall_s", "longest_s")
+    }
+    print("median of each: " + told(median))
+    return {"shots": 24 * 11 * shots, "chunks": chunks, "runs": runs, "median": median}
+
+
+def told(one: dict[str, Any]) -> str:
+    words = {"wall_s": "wall time", "longest_s": "processor time"}
+    return "; ".join(
+        f"{words[clock]}: campaign {one[clock]['campaign']:.3f}, loop {one[clock]['loop']:.3f}, "
+        f"ratio {one[clock]['ratio']:.3f}"
+        for clock in words
+    )
+
+
+ALONE = """
+import resource, sys, tempfile
+from pathlib import Path
+sys.path[:0] = [{root!r}, {here!r}]
+from scaling import *
+from belahil.chunks import ThisProcess
+with tempfile.TemporaryDirectory() as folder:
+    run_chunks(one_cell_of_each_altitude({shots}), ChunkStore(Path(folder)), ThisProcess, 1)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3))
+"""
+
+
+def memory_mb(shots: int) -> float:
+    """Largest memory of a fresh worker that takes so many shots in four cells."""
+    text = ALONE.format(root=str(ROOT), here=str(ROOT / "benchmarks"), shots=shots)
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+def costs() -> None:
+    """Processor time of chunks by what is in them, and their bytes on disk."""
+    options = RangeOptions(("table",), shots=100)
+    every = points(options)
+    brute, draws = brute_chunks(options, SEED)[0], next(every).chunks()[0]
+    noise = levels_chunks(list(every), options, SEED)[0]
+    with tempfile.TemporaryDirectory() as folder:
+        store = ChunkStore(Path(folder))
+
+        def used(chunk: Chunk, **other: int) -> tuple[float, int]:
+            own = Chunk(chunk.name, chunk.work, dict(chunk.given) | other)
+            begun = time.process_time()
+            store.put(own, work(own.work, own.given))
+            return time.process_time() - begun, (store.folder / f"{own.key}.npz").stat().st_size
+
+        print(f"imports before the first chunk: {time.process_time():.2f} s")
+        first = used(brute, count=1)[0]
+        print(f"first chunk of a process, of 11 shots: {first:.2f} s")
+        for what, chunk, name, few, many, each in (
+            ("whole shots", brute, "count", 1, 100, 11),
+            ("echoes with 6 draws each", draws, "count", 1, 60, 11),
+            ("windows of noise", noise, "windows", 20, 250, 1),
+        ):
+            used(chunk, **{name: few})
+            one, more = (
+                [used(chunk, **{name: size, "seed": seed}) for seed in range(5)] for size in (few, many)
+            )
+            little, much = (statistics.median(row[0] for row in rows) for rows in (one, more))
+            pace, size = (much - little) / (many - few) / each, (more[0][1] - one[0][1]) / (many - few) / each
+            base, head = little - pace * few * each, one[0][1] - size * few * each
+            print(
+                f"{what}: {1e3 * pace:.3f} ms each and {base:.3f} s a chunk; "
+                f"on disk {size:.0f} B each and {head:.0f} B a chunk"
+            )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument(
+        "--shots", type=int, default=200, help="on each of eleven terrains in each of 24 cells"
+    )
+    parser.add_argument("--rounds", type=int, default=16000, help="of the loop, about 0.3 ms each")
+    parser.add_argument("--json", type=Path, help="where all numbers go")
+    parser.add_argument("--memory", action="store_true", help="memory of a worker in the place of times")
+    parser.add_argument(
+        "--costs", action="store_true", help="time and bytes of a shot in the place of speed-ups"
+    )
+    asked = parser.parse_args()
+    if asked.costs:
+        costs()
+    elif asked.memory:
+        for shots in (50, 200, 800):
+            print(f"{4 * 11 * shots} shots: {memory_mb(shots):.0f} MB", flush=True)
+    else:
+        found = speedups(asked.repeats, asked.shots, asked.rounds)
+        if asked.json:
+            asked.json.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
