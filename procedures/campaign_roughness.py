@@ -7,6 +7,7 @@ slopes, and what it leaves. From more altitudes: how far up the shape tells roug
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,8 +38,9 @@ ALTITUDES_M = (400e3, 600e3, 700e3, 800e3, 900e3, 1000e3, 1100e3)
 _SPARSE = ((0, 1.0, 0), (3, 1.0, 0), (5, 1.0, 0), (8, 1.0, 0), (10, 1.0, 0), (10, 1.0, 1))
 _ROUGH = tuple((LEVELS - 1, factor, number) for factor in FACTORS[:2] for number in range(3))
 """Levels there, times what, and number of the set: the rough ones, of which few footprints serve, again."""
-_ROWS_AT_ONCE = 20
-"""Rows of footprints of a terrain model that are one chunk's work."""
+_FOOTPRINTS_A_SIDE = 20
+"""Of a block of a terrain model that is one chunk's work: so small that the heights in it are small against
+the altitude, for the slant path is a series."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,7 @@ class RoughnessOptions:
 
 
 def plan(options: RoughnessOptions) -> CampaignPlan:
-    """Plan a campaign: a chunk for each fractal, tilt and altitude, and for rows of a terrain model.
+    """Plan a campaign: a chunk for each fractal, tilt and altitude, and for blocks of a terrain model.
 
     Raises
     ------
@@ -143,31 +145,37 @@ def _fractal(
 
 
 def _terrain(scene: Scene, options: RoughnessOptions, here: dict[str, Any], first: int) -> list[Chunk]:
-    """Strips of a terrain model, each with some rows of footprints side by side."""
+    """Blocks of a terrain model, each with some footprints side by side; those without data are left out."""
     if options.terrain is None:
         return []
     relief = terrain_file(options.terrain).relief
     assert isinstance(relief, Grid)
     sigma_m = beam_sigma_m(scene.laser, scene.altitude_m)[0]
     margin, apart = (math.ceil(wide * sigma_m / relief.spacing_m) for wide in (MARGIN, 4.0))
-    size = relief.values.shape[0]
-    high = 2 * margin + 1 + (_ROWS_AT_ONCE - 1) * apart
+    wide = 2 * margin + 1 + (_FOOTPRINTS_A_SIDE - 1) * apart
     path = Path(options.terrain)
-    where = str(path.absolute()) if path.exists() else options.terrain
+    where, content = str(path.absolute()) if path.exists() else options.terrain, digest(options.terrain)
     chunks: list[Chunk] = []
-    for begin in range(0, max(size - 2 * margin, 1), _ROWS_AT_ONCE * apart):
+    begins = (range(0, max(size - 2 * margin, 1), _FOOTPRINTS_A_SIDE * apart) for size in relief.values.shape)
+    for row, column in itertools.product(*begins):
+        rows, columns = (
+            [begin, min(begin + wide, size)]
+            for begin, size in zip((row, column), relief.values.shape, strict=True)
+        )
+        if relief.known is not None and not relief.known[slice(*rows), slice(*columns)].any():
+            continue
         given = {
             "scene": as_toml(scene),
             "path": where,
-            "content": digest(options.terrain),
-            "rows": [begin, min(begin + high, size)],
+            "content": content,
+            "rows": rows,
+            "columns": columns,
             "by_beam": options.by_beam,
             "seed": options.seed,
             "number": first + len(chunks),
         }
-        chunks.append(
-            Chunk(f"terrain, rows from {begin}", "procedures.roughness_chunks:over_terrain", given | here)
-        )
+        name = f"terrain, rows from {row}, columns from {column}"
+        chunks.append(Chunk(name, "procedures.roughness_chunks:over_terrain", given | here))
     return chunks
 
 

@@ -28,7 +28,6 @@ from sim.laser import beam_sigma_m
 from sim.rfm import loops
 from sim.scene import parse_scene
 from sim.terrain import Surface, tilted
-from sim.terrain_dtm import levelled
 from sim.terrain_grid import Grid
 
 if TYPE_CHECKING:
@@ -111,20 +110,35 @@ def over_terrain(
     path: str,
     content: str,
     rows: tuple[int, int],
+    columns: tuple[int, int],
     cases: list[str],
     reflectances: list[float],
     by_beam: bool,
     seed: int,
     number: int,
 ) -> dict[str, NDArray[Any]]:
-    """Follow footprints over some rows of posts of a terrain model; `content` is in the chunk's key."""
+    """Follow footprints over a block of posts of a terrain model."""
+    piece = terrain_block(_terrain(path, content), rows, columns)
+    return footprints(scene, piece, None, cases, reflectances, by_beam, Draws(seed, number))
+
+
+@lru_cache(maxsize=1)
+def _terrain(path: str, content: str) -> Grid:
+    """A terrain model, read once by a worker; `content` tells apart what the same path held."""
     relief = terrain_file(path).relief
     assert isinstance(relief, Grid)
-    part = np.s_[rows[0] : rows[1]]
+    return relief
+
+
+def terrain_block(relief: Grid, rows: tuple[int, int], columns: tuple[int, int]) -> Grid:
+    """Cut a block of posts out, its heights about the middle of their range."""
+    part = np.s_[rows[0] : rows[1], columns[0] : columns[1]]
     known = None if relief.known is None else relief.known[part]
-    y_min_m = relief.y_min_m + rows[0] * relief.spacing_m
-    piece = levelled(Grid(relief.values[part], relief.spacing_m, relief.x_min_m, y_min_m, known), None)
-    return footprints(scene, piece, None, cases, reflectances, by_beam, Draws(seed, number))
+    values = relief.values[part]
+    inside = values if known is None else values[known]
+    datum_m = float(inside.min() + inside.max()) / 2
+    middle = (size // 2 for size in values.shape)
+    return _with_nadir_at(Grid(values - datum_m, relief.spacing_m, 0.0, 0.0, known), *middle)
 
 
 def footprints(
@@ -148,7 +162,8 @@ def footprints(
     Returns
     -------
     dict
-        Of shape (n,): ``slope_deg, roughness_m, skewness, raw_skewness``. Of shape (reflectances, cases, n):
+        ``spacing_m`` between posts. Of shape (n,), footprints with data everywhere, maybe none: ``slope_deg,
+        roughness_m, skewness, raw_skewness``. Of shape (reflectances, cases, n):
         ``width_s, amplitude`` (factor of the library's pulse), ``msr_v2, library_deg``, ``pulse_msr_v2`` (of
         samples where the best pulse is above a tenth of its peak); zero width where the echo was not
         detected. ``example_*``: what belongs to the footprint with the largest MSR of the first case and
@@ -165,15 +180,20 @@ def footprints(
     told = {
         name: getattr(found, name)[whole] for name in ("slope_deg", "roughness_m", "skewness", "raw_skewness")
     }
+    told["spacing_m"] = np.array(relief.spacing_m)
+    shape = (len(reflectances), len(cases), row.size)
+    results = {
+        name: np.zeros(shape) for name in ("width_s", "amplitude", "msr_v2", "pulse_msr_v2", "library_deg")
+    }
+    if not row.size:
+        return told | results
+    if relief.known is not None:
+        relief = _with_nadir_at(relief, int(row[row.size // 2]), int(column[row.size // 2]))
     chain = Chain(read, Accuracy(TOLERANCE), Surface("dtm", relief=relief, albedo=1.0))
     curve, finder = correction(read), chain.range_finder
     at = _places(relief, row, column, light_m)
     drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws)
     step_v = chain.receiver.quantizer.volts_per_count
-    shape = (len(reflectances), len(cases), row.size)
-    results = {
-        name: np.zeros(shape) for name in ("width_s", "amplitude", "msr_v2", "pulse_msr_v2", "library_deg")
-    }
     example: dict[str, NDArray[Any]] = {}
     for first, second in np.ndindex(*shape[:2]):
         windows = _windows(read, drawn, cases[second], reflectances[first], step_v)
@@ -186,10 +206,15 @@ def footprints(
         results["pulse_msr_v2"][first, second] = _pulse_msr_v2(library_of(scene), cut, matched)
         results["library_deg"][first, second] = library_of(scene).slope_deg[matched.pulse]
         results["amplitude"][first, second] = matched.factor
-        if not example and row.size:
+        if not example:
             worst = int(np.argmax(np.where(there, matched.msr_v2, -1.0)))
             example = _example(scene, relief, (row, column), worst, cut, matched, told)
     return told | results | example
+
+
+def _with_nadir_at(relief: Grid, row: int, column: int) -> Grid:
+    """The same ground with a post at (0, 0), where a chain is planned: there must be light."""
+    return replace(relief, x_min_m=-relief.spacing_m * column, y_min_m=-relief.spacing_m * row)
 
 
 def _windows(

@@ -281,4 +281,5 @@ def _regions(axes: Axes, found: RoughnessResults) -> None:
     axes.set_xlabel("roughness of the terrain, m", loc="left")
     axes.set_ylabel("estimate, m")
     axes.set_title("(c) regions", loc="left", fontsize=10)
-    axes.legend(fontsize=8, loc="upper left")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8, loc="upper left")

@@ -57,7 +57,7 @@ def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outco
             "shape": lambda: _figure("shape_figure", found),
             "reach": lambda: _figure("reach_figure", found),
         },
-        notes=[*_DEFINITIONS.values(), *_NOTES],
+        notes=[*_DEFINITIONS.values(), *_NOTES, *_unseen(found)],
     )
 
 
@@ -92,6 +92,14 @@ def _measured(value: float, uncertainty: float, unit: str) -> dict[str, Any]:
     return Estimate(float(value), float(uncertainty), unit).as_json()
 
 
+def _unseen(found: RoughnessResults) -> list[str]:
+    """A terrain model that told nothing must not pass in silence."""
+    path = found.plan.instruments.get("terrain")
+    if not path or found.terrain is not None:
+        return []
+    return [f"The terrain model {path} has no footprint with data everywhere: nothing is shown of it."]
+
+
 def _width(found: RoughnessResults) -> dict[str, Any]:
     width = found.width
     columns = (width.middle_s2, width.mean_s2, width.mean_u_s2, width.spread_s2, width.negative)
@@ -118,6 +126,7 @@ def _skewness(found: RoughnessResults) -> dict[str, Any]:
             "footprints": int(one.values.size),
             "spread": one.spread,
             "beyond_white_noise": _measured(one.beyond, one.beyond_u, "1"),
+            "white_noise_spread": one.white,
         }
         for name, one in found.skewness.items()
     }
@@ -228,7 +237,7 @@ def _tables(found: RoughnessResults) -> dict[str, Table]:
     }
     columns: dict[str, Any] = {name: (getattr(seen, name), units[name], texts[name]) for name in COLUMNS}
     columns["chunk"] = (seen.chunk, "1", "number of the chunk")
-    columns["ground"] = (seen.ground, "1", "seed of the relief; below zero: strip of the terrain model")
+    columns["ground"] = (seen.ground, "1", "seed of the relief; below zero: block of the terrain model")
     for number, case in enumerate(CASES):
         missing = seen.width_s[0, number] == 0
         for name, unit, text in (

@@ -71,12 +71,15 @@ class Skewness:
         Root mean square.
     beyond, beyond_u : float
         Share outside of what 99 % of white noise has, and its uncertainty; 1 % is white noise.
+    white : float
+        Standard deviation of white noise on as many posts.
     """
 
     values: NDArray[np.float64]
     spread: float
     beyond: float
     beyond_u: float
+    white: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +112,9 @@ class RoughnessResults:
 
     @cached_property
     def terrain(self) -> Footprints | None:
-        """Over the terrain model."""
-        return gathered(self.plan, self.chunks, "terrain")
+        """Over the terrain model; None without one, and where no footprint has data everywhere."""
+        found = gathered(self.plan, self.chunks, "terrain")
+        return found if found is not None and found.size else None
 
     def _of(self, kind: str) -> Footprints:
         found = gathered(self.plan, self.chunks, kind)
@@ -143,24 +147,30 @@ class RoughnessResults:
 
     @cached_property
     def white(self) -> NDArray[np.float64]:
-        """Skewness of white noise on the posts of a footprint."""
-        posts = disc(SPACING_M, self.sigma_m, by_beam=bool(self.plan.chunks[0].given["by_beam"]))
-        return white_skewness(posts, SPACING_M, WHITE, Draws(self.plan.seed, 0).stream("white"))
+        """Skewness of white noise on the posts of a footprint on the fractals."""
+        return self._white(SPACING_M)
+
+    def _white(self, spacing_m: float) -> NDArray[np.float64]:
+        posts = disc(spacing_m, self.sigma_m, by_beam=bool(self.plan.chunks[0].given["by_beam"]))
+        return white_skewness(posts, spacing_m, WHITE, Draws(self.plan.seed, 0).stream("white"))
 
     @cached_property
     def skewness(self) -> dict[str, Skewness]:
-        """By kind of ground: level fractals, each terrain once; the terrain model."""
+        """By kind of ground, with white noise on as many posts: level fractals, once; the terrain model."""
         level = np.array([chunk.given.get("tilt_deg") == 0.0 for chunk in self.plan.chunks])
-        parts = {"fractals": (self.fractals, level[self.fractals.chunk])}
+        parts = {"fractals": (self.fractals, level[self.fractals.chunk], self.white)}
         if self.terrain is not None:
-            parts["terrain"] = (self.terrain, np.ones(self.terrain.size, dtype=np.bool_))
-        low, high = np.quantile(self.white, (0.005, 0.995))
+            spacing_m = float(self.chunks[int(self.terrain.chunk[0])]["spacing_m"])
+            every = np.ones(self.terrain.size, dtype=np.bool_)
+            parts["terrain"] = (self.terrain, every, self._white(spacing_m))
         found = {}
-        for name, (seen, at) in parts.items():
+        for name, (seen, at, white) in parts.items():
             values = seen.skewness[at]
+            low, high = np.quantile(white, (0.005, 0.995))
             outside = ((values < low) | (values > high)).astype(np.float64)
             share, u = mean_of(outside, seen.ground[at])
-            found[name] = Skewness(values, float(np.sqrt(np.mean(values**2))), share, u)
+            spread = float(np.sqrt(np.mean(values**2)))
+            found[name] = Skewness(values, spread, share, u, float(white.std()))
         return found
 
     # ---- shape

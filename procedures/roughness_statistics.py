@@ -90,7 +90,7 @@ def gathered(plan: CampaignPlan, results: Sequence[dict[str, NDArray[Any]]], kin
 
 
 def _ground(given: Mapping[str, Any], at: int) -> int:
-    """The seed of a fractal; each strip of a terrain model for itself."""
+    """The seed of a fractal; each block of a terrain model for itself."""
     return int(given["ground_seed"] + given["level"]) if "level" in given else -1 - at
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -15,16 +16,19 @@ from msgspec import structs
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from procedures.campaign_roughness import ALTITUDES_M, FACTORS, TILTS_DEG, RoughnessOptions, plan
+from procedures.footprint_moments import disc, white_skewness
 from procedures.pulse_library import pulse_library
 from procedures.range_scenes import base_scene
-from procedures.roughness_chunks import footprints, library_of, noise_rms_v, over_fractal
+from procedures.roughness_chunks import footprints, library_of, noise_rms_v, over_fractal, over_terrain
 from procedures.roughness_region import GRID_M, Simulated, estimate, trial
+from procedures.roughness_results import WHITE, RoughnessResults
 from procedures.roughness_shape import LEVELS_V2, power, shape
 from procedures.roughness_statistics import Footprints, cumulative, joined, mean_of, quantile_of
 from procedures.roughness_width import FWHM_OF_SIGMA, flat_width_s, terms_s, width_roughness
 from procedures.study_ground import LEVELS
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.draws import Draws
+from sim.laser import beam_sigma_m
 from sim.scene import as_toml
 from sim.terrain import Surface, boulder, tilted
 from sim.terrain_grid import Grid
@@ -341,17 +345,75 @@ def test_a_plan_gives_each_relief_a_seed_of_its_own() -> None:
     assert TILTS_DEG[0] == 0.0
 
 
-def test_a_terrain_model_is_cut_into_strips(tmp_path: Path) -> None:
+def test_a_terrain_model_is_cut_into_blocks(tmp_path: Path) -> None:
     scene = tmp_path / "ground.toml"
     scene.write_text('[surface]\nkind = "fractal"\nextent_m = 900.0\nspacing_m = 3.0\n')
 
     chunks = plan(RoughnessOptions(terrain=str(scene), altitudes=False)).chunks
 
-    strips = [one.given["rows"] for one in chunks if one.name.startswith("terrain")]
-    assert strips[0][0] == 0
-    assert strips[-1][1] == 301
-    # each strip begins where the footprints of the one before end
-    assert all(low[1] > high[0] for low, high in itertools.pairwise(strips))
+    blocks = [one.given for one in chunks if one.name.startswith("terrain")]
+    for along in ("rows", "columns"):
+        spans = sorted({tuple(one[along]) for one in blocks})
+        assert spans[0][0] == 0
+        assert spans[-1][1] == 301
+        # each begins where the footprints of the one before end
+        assert all(low[1] > high[0] for low, high in itertools.pairwise(spans))
+
+
+def test_blocks_of_a_terrain_model_with_gaps_are_seen_wherever_they_lie(tmp_path: Path) -> None:
+    # given: a long flank, higher than a thousandth of the altitude, without data at nadir and at one end
+    x_m = 3.0 * np.arange(1100)
+    heights = np.random.default_rng(2).normal(0.0, 0.3, (60, 1100)) + math.tan(math.radians(20.0)) * x_m
+    heights[:, 540:560] = np.nan
+    heights[:, :40] = np.nan
+    file = tmp_path / "ground.npy"
+    np.save(file, heights)
+    scene = tmp_path / "ground.toml"
+    table = f'kind = "dtm"\nfile = "{file.as_posix()}"\nspacing_m = 3.0\nextent_m = 3300.0\n'
+    scene.write_text(f"[surface]\n{table}")
+
+    chunks = plan(RoughnessOptions(terrain=str(scene), altitudes=False)).chunks
+    blocks = [one.given for one in chunks if one.name.startswith("terrain")]
+    first, whole, gappy, last = (over_terrain(**blocks[at]) for at in (0, 1, 2, 5))
+
+    # then: far ones are seen too, and no footprint has a gap in it
+    assert len(blocks) == 6
+    assert 0 < first["slope_deg"].size < whole["slope_deg"].size
+    assert 0 < gappy["slope_deg"].size < whole["slope_deg"].size
+    for one in (first, whole, gappy, last):
+        assert np.all(one["width_s"][0, 0] > 0)
+        assert one["slope_deg"] == pytest.approx(20.0, abs=2.0)
+        assert one["roughness_m"].max() < 0.5
+
+
+@pytest.mark.parametrize("spacing_m", [1.0, 1.5, 2.5])
+def test_white_ground_is_white_at_every_spacing_of_a_terrain_model(spacing_m: float) -> None:
+    # given footprints of white ground over posts of one spacing, as the terrain model of a campaign
+    options = RoughnessOptions(altitudes=False)
+    level = plan(options)
+    sigma_m, count = beam_sigma_m(base_scene().laser, options.altitude_m)[0], 3000
+    posts = disc(spacing_m, sigma_m)
+    own = white_skewness(posts, spacing_m, count, np.random.default_rng(5))
+    one = made(np.ones(count), np.ones(count), np.arange(count))
+    seen = replace(one, skewness=own, chunk=np.zeros(count, dtype=np.int64))
+    found = RoughnessResults(level, [{"spacing_m": np.array(spacing_m)} for _ in level.chunks])
+    found.__dict__.update(terrain=seen, fractals=seen)
+
+    beyond = found.skewness["terrain"].beyond
+
+    # then 1 % of it lie beyond 99 % of white noise, 5 standard errors of both samples
+    assert beyond == pytest.approx(0.01, abs=5 * math.sqrt(0.01 / count + 0.01 / WHITE))
+
+
+def test_a_block_without_a_whole_footprint_tells_nothing() -> None:
+    known = np.zeros((60, 60), dtype=bool)
+    known[:5] = True
+    relief = Grid(np.ones((60, 60)), 1.5, 0.0, 0.0, known)
+
+    found = footprints(as_toml(base_scene()), relief, None, ["free"], [0.17], False, Draws(1, 0))
+
+    assert found["slope_deg"].size == 0
+    assert found["width_s"].shape == (1, 1, 0)
 
 
 @pytest.mark.parametrize(
