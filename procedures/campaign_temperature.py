@@ -170,7 +170,7 @@ def one_set(scene: str, threshold: float, slope_deg: float, azimuth_deg: float) 
     count = round((_BEFORE_S + _AFTER_S) / step_s)
     times_s = -_BEFORE_S + step_s * np.arange(count)
     volts = chain.curve(None, -_BEFORE_S, step_s, count)
-    window = what.receiver_spec.correlation_window_samples
+    window = what.correlation_window_samples
     arrival_s, fwhm_s, amplitude_v = mean_fit(volts, STEPS, window, interval_s)
     light = chain.echo()
     pulse = chain.light_kernel.pulse
@@ -247,7 +247,7 @@ def _windows(
     scene: Scene, slope_deg: float, azimuth_deg: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Correlation windows without noise, and where the Gaussian of each is, s from its first sample."""
-    window = scene.receiver_spec.correlation_window_samples
+    window = scene.correlation_window_samples
     rows, arrivals_s = [], []
     for turn_deg in AZIMUTHS_DEG:
         chain = plane_chain(scene, slope_deg, azimuth_deg + turn_deg)

@@ -156,9 +156,7 @@ def pulse_library(
             if any(np.abs(volts - other).max() < _ALIKE * np.abs(volts).max() for other in same):
                 continue
             same.append(volts)
-            arrival_s, fwhm_s, _ = mean_fit(
-                volts, STEPS, scene.receiver_spec.correlation_window_samples, interval_s
-            )
+            arrival_s, fwhm_s, _ = mean_fit(volts, STEPS, scene.correlation_window_samples, interval_s)
             found.append((slope_deg, azimuth_deg, volts, -arrival_s, fwhm_s))
     columns = [np.array(column) for column in zip(*found, strict=True)]
     slope, azimuth, rows, first_s, width_s = columns

@@ -174,7 +174,11 @@ def noise_peaks(
         ``score_v`` of shape (levels, windows, 8).
     """
     read = parse_scene(scene)
-    finder, unit, spec = RangeFinder.of(read.receiver_spec), unit_noise(read), read.receiver_spec.digitizer
+    finder, unit, spec = (
+        RangeFinder.of(read.receiver_spec, read.range_finder),
+        unit_noise(read),
+        read.receiver_spec.digitizer,
+    )
     step_v = read.truth.adc_full_scale_v / 2**read.truth.adc_bits
     found = np.empty((len(noise_rms_v), windows, NOISE_PEAKS))
     for number in range(windows):

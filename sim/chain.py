@@ -210,7 +210,7 @@ class Chain:
         """The receiver's range finder."""
         from sim.rfm import RangeFinder
 
-        return RangeFinder.of(self.scene.receiver_spec)
+        return RangeFinder.of(self.scene.receiver_spec, self.scene.range_finder)
 
     def whole_window(self, shot: int = 0) -> WindowRequest:
         """Return the request for the longest window."""
@@ -226,7 +226,7 @@ class Chain:
         sample_count : int or None
             None: as many as the receiver's range finder keeps.
         """
-        kept = self.scene.receiver_spec.correlation_window_samples
+        kept = self.scene.correlation_window_samples
         count = kept if sample_count is None else sample_count
         check_whole("sample_count", count, 1)
         first = round(self._centre_s / self.receiver.spec.sample_interval_s) - count // 2

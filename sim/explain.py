@@ -22,7 +22,7 @@ from sim.presets import (
     laser_preset,
 )
 from sim.scene_checks import is_idle
-from sim.scene_tables import Noise, Sun, SurfaceTable
+from sim.scene_tables import Noise, RangeFinderTable, Sun, SurfaceTable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -62,6 +62,11 @@ _DEFAULTS = {
     "surface.diameter_m": Source("example", True),
     "surface.alpha": Source("no number for Mercury was found", True),
     "surface.c1": Source("no number for Mercury was found", True),
+    "range_finder.template_count": Source("4 to 32 are possible", True),
+    "range_finder.narrowest_s": Source("paper: detectable widths of 20 to 110 ns; with a margin", True),
+    "range_finder.widest_s": Source("paper: detectable widths of 20 to 110 ns; with a margin", True),
+    "range_finder.exclusion_samples": Source("no rule is published", True),
+    "range_finder.refinement_steps": Source("the paper fits a Gaussian and does not say how", True),
     "sun.distance_au": Source("mean distance of Mercury"),
     "sun.irradiance_1au_w_per_m3": Source("ASTM G173-03, extraterrestrial, 1063 to 1065 nm"),
 }
@@ -127,6 +132,7 @@ def _lines(scene: Scene) -> Iterator[Explained]:
     yield from _preset_lines("detector", detector, usual, usual, known)
     yield from _table_lines("surface", scene.surface, SurfaceTable())
     yield from _receiver_lines(scene)
+    yield from _table_lines("range_finder", scene.range_finder, RangeFinderTable())
     yield from _table_lines("noise", scene.noise, Noise())
     if scene.sun is not None:
         yield from _table_lines("sun", scene.sun, Sun())
@@ -179,11 +185,12 @@ def _receiver_lines(scene: Scene) -> Iterator[Explained]:
     fixed: dict[str, Value] = {
         "sample_interval_s": spec.digitizer.sample_interval_s,
         "window_samples": spec.digitizer.max_sample_count,
-        "correlation_window_samples": spec.correlation_window_samples,
+        "correlation_window_samples": scene.correlation_window_samples,
         "candidates": spec.candidate_count,
     }
     for key, value in fixed.items():
-        yield _line(f"receiver.{key}", value, sources[key])
+        set_by_scene = getattr(scene.range_finder, key, None) is not None
+        yield _line(f"receiver.{key}", value, _SCENE if set_by_scene else sources[key])
     yield from _electronics_lines(scene)
 
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from belahil.receiver import ReceiverSpec
     from belahil.values import Products, RangeWindow
+    from sim.scene_tables import RangeFinderTable
 
 EXCLUSION_SAMPLES = 10
 
@@ -114,12 +115,25 @@ class RangeFinder:
             )
 
     @classmethod
-    def of(cls, spec: ReceiverSpec) -> RangeFinder:
-        """Make the range finder of a receiver: its rate, candidates and correlation windows."""
+    def of(cls, spec: ReceiverSpec, table: RangeFinderTable | None = None) -> RangeFinder:
+        """Make the range finder of a receiver: its rate, candidates and correlation windows.
+
+        Parameters
+        ----------
+        spec : ReceiverSpec
+            The receiver.
+        table : RangeFinderTable or None
+            ``[range_finder]`` of a scene; None: the defaults.
+        """
+        bank = TemplateBank(spec.digitizer.sample_interval_s)
+        if table is None:
+            return cls(bank, spec.candidate_count, spec.correlation_window_samples)
         return cls(
-            TemplateBank(spec.digitizer.sample_interval_s),
+            replace(bank, count=table.template_count, narrowest_s=table.narrowest_s, widest_s=table.widest_s),
             spec.candidate_count,
-            spec.correlation_window_samples,
+            table.correlation_window_samples or spec.correlation_window_samples,
+            table.exclusion_samples,
+            table.refinement_steps,
         )
 
     def search(self, volts: ArrayLike) -> NDArray[np.float64]:

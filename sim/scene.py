@@ -20,8 +20,8 @@ from belahil.errors import ConfigError
 from belahil.receiver import ReceiverSpec, receiver_preset
 from belahil.strict_toml import Strict
 from sim.presets import detector_preset, laser_preset
-from sim.scene_checks import check_detector, check_laser, check_noise, check_surface
-from sim.scene_tables import Detector, Laser, Noise, Sun, SurfaceTable, Thermal
+from sim.scene_checks import check_detector, check_laser, check_noise, check_range_finder, check_surface
+from sim.scene_tables import Detector, Laser, Noise, RangeFinderTable, Sun, SurfaceTable, Thermal
 
 READY = Path(__file__).parent / "scenes"
 _FILES = (
@@ -55,6 +55,8 @@ class Scene(Strict, frozen=True):
         The ground.
     electronics : EmulatedReceiver
         What differs from the receiver's preset; its noise is `noise.dark_rms_v`.
+    range_finder : RangeFinderTable
+        The search for pulses.
     noise : Noise
         Noise terms that are there.
     sun : Sun or None
@@ -70,6 +72,7 @@ class Scene(Strict, frozen=True):
     surface: SurfaceTable = SurfaceTable()
     detector: Detector = Detector()
     electronics: EmulatedReceiver = EmulatedReceiver()
+    range_finder: RangeFinderTable = RangeFinderTable()
     noise: Noise = Noise()
     sun: Sun | None = None
 
@@ -86,6 +89,11 @@ class Scene(Strict, frozen=True):
         dark_v = self.noise.dark_rms_v or 0.0
         by_code = tuple(dark_v if code == self.gain_code else 0.0 for code in codes)
         return msgspec.structs.replace(truth, noise_rms_v_by_code=by_code)
+
+    @property
+    def correlation_window_samples(self) -> int:
+        """What the range finder keeps round a candidate."""
+        return self.range_finder.correlation_window_samples or self.receiver_spec.correlation_window_samples
 
     @property
     def gain(self) -> float:
@@ -174,6 +182,7 @@ def check_scene(scene: Scene) -> None:
     check_surface(scene.surface)
     check_detector(scene.detector)
     check_noise(scene.noise)
+    check_range_finder(scene.range_finder, spec.digitizer.sample_interval_s)
 
 
 def as_toml(scene: Scene) -> str:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from belahil.errors import ConfigError
+from belahil.errors import ConfigError, RefusedInput
 from sim.presets import laser_preset
-from sim.scene_tables import Detector, Laser, SurfaceTable
+from sim.scene_tables import Detector, Laser, RangeFinderTable, SurfaceTable
 
 if TYPE_CHECKING:
     from belahil.strict_toml import Strict
@@ -105,6 +105,18 @@ def check_noise(noise: Noise) -> None:
     if noise.dark_laser and not noise.dark_windows:
         raise ConfigError(f'[noise] dark_laser = "{noise.dark_laser}" without dark_windows: needs both')
     _need_file(noise, "noise", "dark_windows", False, "")
+
+
+def check_range_finder(table: RangeFinderTable, sample_interval_s: float) -> None:
+    """Refuse templates that a bank cannot have; errors as `check_laser`."""
+    if table == RangeFinderTable():
+        return
+    from sim.template_bank import TemplateBank
+
+    try:
+        TemplateBank(sample_interval_s, table.template_count, table.narrowest_s, table.widest_s)
+    except RefusedInput as error:
+        raise ConfigError(f"[range_finder] {error}") from error
 
 
 def is_idle(table: Strict, key: str) -> bool:

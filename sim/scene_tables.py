@@ -235,6 +235,31 @@ class Noise(Strict, frozen=True):
     shot: bool = False
 
 
+class RangeFinderTable(Strict, frozen=True):
+    """``[range_finder]``: how the receiver looks for pulses; all assumed, see `sim.rfm`.
+
+    Parameters
+    ----------
+    template_count : int
+        Widths of templates.
+    narrowest_s, widest_s : float
+        Full widths at half maximum of the first and the last.
+    exclusion_samples : int
+        No two candidates lie within so many.
+    correlation_window_samples : int or None
+        Kept round each candidate; None: as the receiver's preset has it.
+    refinement_steps : int
+        Of the Gaussian fit to them.
+    """
+
+    template_count: Annotated[int, Meta(ge=3, le=64)] = 12
+    narrowest_s: Annotated[float, Meta(ge=1e-12, le=1e-3)] = 18e-9
+    widest_s: Annotated[float, Meta(ge=1e-12, le=1e-3)] = 120e-9
+    exclusion_samples: Annotated[int, Meta(ge=0, le=1000)] = 10
+    correlation_window_samples: Annotated[int, Meta(ge=4, le=4096)] | None = None
+    refinement_steps: Annotated[int, Meta(ge=0, le=100)] = 1
+
+
 class Sun(Strict, frozen=True):
     """``[sun]``: sunlight on the ground; without the table it is night.
 

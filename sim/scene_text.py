@@ -24,7 +24,7 @@ _HEADER = f"""\
 # {PAPER}.
 """
 _TOP = ("altitude_m", "receiver", "gain_code", "filter", "seed")
-_TABLES = ("laser", "surface", "noise", "sun", "detector")
+_TABLES = ("laser", "surface", "noise", "sun", "detector", "range_finder")
 _WITHOUT = {
     "surface.reflectance_map": "a file on the grid of the heights, in place of `reflectance`",
     "surface.rim_height_m": "m above the plane; without it that of fresh craters",
@@ -33,6 +33,7 @@ _WITHOUT = {
     "noise.dark_windows": "a file of recorded dark noise, in place of `dark_rms_v`",
     "noise.dark_laser": '"off" or "firing"; without it the latter, where the file has any',
     "detector.multiplication": "gain of the photodiode, in place of Miller's equation",
+    "range_finder.correlation_window_samples": "without it that of the receiver's preset",
     "electronics.cutoff_hz": "Hz; without it that of the receiver's preset",
     "electronics.order": "without it that of the receiver's preset",
     "electronics.gain_by_code": "V/V; without it that of the receiver's preset",

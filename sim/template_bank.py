@@ -146,6 +146,12 @@ class TemplateBank:
         # The outermost taps are products of many small ones: in single precision subnormal, and slow.
         return np.where(templates > _NOTHING, templates, 0.0).astype(np.float32)
 
+    @cached_property
+    def tap_reach(self) -> int:
+        """Samples on either side of the middle beyond which no template has a tap; at most `reach`."""
+        lit = np.flatnonzero(self.templates.any(axis=0))
+        return int(max(self.reach - lit[0], lit[-1] - self.reach))
+
 
 def _template(found: list[Stage], width: float) -> Stage | None:
     """Make a template from the widest earlier stage that few taps can widen, or from the samples."""

@@ -9,16 +9,19 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import msgspec
+import numpy as np
 import pytest
 import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
 from belahil.errors import ConfigError
+from sim.chain import Chain
 from sim.explain import explain
 from sim.light_noise import background_density
 from sim.link_budget import link_budget
 from sim.presets import DETECTOR_SOURCES, DETECTORS, LASER_SOURCES, LASERS, RECEIVER_SOURCES
+from sim.rfm import RangeFinder
 from sim.scene import Scene, as_toml, load_scene, parse_scene, ready_scenes
 from sim.scene_tables import Detector, Laser, Noise, Sun, SurfaceTable
 
@@ -132,6 +135,32 @@ def test_nothing_is_belas_alone() -> None:
     assert scene.receiver_spec.correlation_window_samples == 64
     assert scene.laser.divergence_rad * scene.altitude_m == pytest.approx(50.0)
     assert link_budget(scene).photons > 0
+
+
+def test_a_range_finder_is_that_of_the_receiver_but_for_what_the_scene_says() -> None:
+    # given scenes that say nothing of it, and something
+    usual, gala = Chain(parse_scene("")), Chain(load_scene("gala-like"))
+    other = Chain(
+        parse_scene(
+            "[range_finder]\ntemplate_count = 5\nwidest_s = 150e-9\nexclusion_samples = 7\n"
+            "correlation_window_samples = 64\nrefinement_steps = 3\n"
+        )
+    )
+    for chain in (usual, gala):
+        assert chain.range_finder == RangeFinder.of(chain.scene.receiver_spec)
+    finder = other.range_finder
+    widths_s = finder.bank.widths * finder.bank.sample_interval_s
+    assert widths_s == pytest.approx(np.geomspace(18e-9, 150e-9, 5))
+    assert (finder.exclusion_samples, finder.refinement_steps) == (7, 3)
+    # then a correlation window has as many samples as the range finder keeps
+    assert other.correlation_window().sample_count == finder.correlation_window_samples == 64
+    assert usual.correlation_window().sample_count == 42
+    assert other.scene.gain == usual.scene.gain
+
+
+def test_templates_that_a_bank_cannot_have_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"\[range_finder\] templates from 1e-09"):
+        parse_scene("[range_finder]\nnarrowest_s = 1e-9\n")
 
 
 def test_the_previous_model_has_gaussian_shapes_and_more_gain() -> None:
