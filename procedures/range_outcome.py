@@ -13,6 +13,7 @@ from procedures.range_cells_told import cells_table, estimate_columns, json_or_n
 from procedures.range_histograms import histograms
 from procedures.range_parts import HISTOGRAM_ALTITUDES_M
 from procedures.range_scenes import MEAN_REFLECTANCE
+from procedures.range_statements import statements
 from procedures.range_statistics import CHANCE
 from procedures.range_table import cells, headline
 from procedures.range_truth import TRUTHS
@@ -78,6 +79,7 @@ def outcome(found: Collected) -> Outcome:
             results[name] = told
             tables |= more
             figures |= drawn
+    results["statements"] = statements(results)
     return Outcome(results=results, tables=tables, figures=figures, notes=(*definitions.values(), *NOTES))
 
 

@@ -84,10 +84,13 @@ def _found_again(terrain: str | None) -> str | None:
 
 
 def _lines(results: dict[str, Any]) -> list[str]:
+    from procedures.paper_statements import told as statements_told
+
     definitions = [results["definitions"][name] for name in ("true_range", "slope_and_roughness")]
+    stated = statements_told(results["statements"])
     if "table" not in results:
         parts = [key for key in results if isinstance(results[key], dict) and key != "definitions"]
-        return [*definitions, f"parts: {', '.join(parts)}"]
+        return [*definitions, f"parts: {', '.join(parts)}", *stated]
     lines = [
         *definitions,
         "altitude  Sun         light  reflectance  error, m          PFD, %           by whole shots",
@@ -104,4 +107,4 @@ def _lines(results: dict[str, Any]) -> list[str]:
             f"{one['altitude_m'] / 1e3:5g} km  {one['sun']:10s}  {one['light']:5s}  "
             f"{one['reflectance']:11g}  {told:16s}  {chance:15s}  {whole}"
         )
-    return lines
+    return [*lines, *stated]
