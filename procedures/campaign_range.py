@@ -81,6 +81,8 @@ class RangeOptions:
         unknown = [one for one in self.parts if one not in PARTS]
         if unknown or not self.parts:
             raise RefusedInput(f"--parts {','.join(self.parts)}: allowed are {', '.join(PARTS)}")
+        if self.terrain is not None and "columns" not in self.parts:
+            raise RefusedInput(f"--terrain {self.terrain}: is for the part columns, which --parts leaves out")
         Definitions(self.truth, self.by_beam)
 
     @property

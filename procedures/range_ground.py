@@ -17,7 +17,7 @@ from belahil.errors import RefusedInput
 from procedures.arrival_ground import EXTENT_M
 from procedures.footprint_planes import FootprintPlanes, footprint_planes
 from procedures.range_truth import USUAL, Definitions
-from procedures.study_ground import LEVELS, fractal, terrain_file
+from procedures.study_ground import LEVELS, fractal, gapless_squares, terrain_file
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.terrain import Surface, gradient_of
 from sim.terrain_grid import Grid
@@ -142,25 +142,21 @@ def flat_terrains(kind: str, seed: int, factor: float) -> tuple[Grid, ...]:
     Raises
     ------
     RefusedInput
-        A terrain model that cannot be read; see `procedures.study_ground`.
+        A terrain model that cannot be read, or has no square without gaps; see `procedures.study_ground`.
     """
     if kind == "plane":
         posts = round(EXTENT_M / SPACING_M) + 1
         return (Grid(np.zeros((posts, posts)), SPACING_M, 0.0, 0.0),)
     if kind == "fractal":
-        surfaces = [fractal(level, seed) for level in range(LEVELS)]
+        reliefs = [_relief(fractal(level, seed)) for level in range(LEVELS)]
     else:
-        surfaces = [terrain_file(kind)]
-    found = []
-    for surface in surfaces:
-        relief = surface.relief
-        assert isinstance(relief, Grid)
-        side = min(relief.values.shape)
-        values = relief.values[:side, :side]
-        known = None if relief.known is None else relief.known[:side, :side]
-        heights = factor * (values - values.mean(where=True if known is None else known))
-        found.append(Grid(heights, relief.spacing_m, 0.0, 0.0, known))
-    return tuple(found)
+        reliefs = list(gapless_squares(_relief(terrain_file(kind))))
+    return tuple(Grid(factor * (one.values - one.values.mean()), one.spacing_m, 0.0, 0.0) for one in reliefs)
+
+
+def _relief(surface: Surface) -> Grid:
+    assert isinstance(surface.relief, Grid)
+    return surface.relief
 
 
 @lru_cache(maxsize=2)

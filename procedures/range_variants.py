@@ -11,12 +11,13 @@ is left as it is: which part of it the photodiode multiplies is not known.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from msgspec import structs
 
-from procedures.range_ground import GroundKey
+from procedures.range_ground import GroundKey, flat_terrains
 from procedures.range_points import Point
 from procedures.range_scenes import ALTITUDES_M, MEAN_REFLECTANCE, base_scene, conditions
 from procedures.study_ground import LEVELS, digest
@@ -102,17 +103,19 @@ def bias_points(options: RangeOptions, seed: int) -> Iterator[Point]:
 
 def column_points(options: RangeOptions, seed: int) -> Iterator[Point]:
     """Return other ground with the same slopes: planes, and a terrain model where one is given."""
-    grounds = {COLUMNS[1]: replace(options.ground, kind="plane")}
+    plane = replace(options.ground, kind="plane")
+    grounds, every = {COLUMNS[1]: (plane, 1)}, options.study_echoes * LEVELS
     if options.terrain is not None:
-        grounds[COLUMNS[2]] = GroundKey(options.terrain, tilt_deg=10.0, digest=digest(options.terrain))
+        model = GroundKey(options.terrain, tilt_deg=10.0, digest=digest(options.terrain))
+        grounds[COLUMNS[2]] = model, len(flat_terrains(model.kind, model.seed, model.factor))
     for altitude_m in ALTITUDES_M:
-        for label, ground in grounds.items():
+        for label, (ground, terrains) in grounds.items():
             yield Point(
                 part="columns",
                 label=f"{altitude_m / 1e3:g} km, {label}",
                 scene=base_scene(altitude_m),
                 conditions=conditions(base_scene()),
-                echoes=options.study_echoes * LEVELS,
+                echoes=math.ceil(every / terrains),
                 repeats=options.repeats,
                 sets=1,
                 seed=seed,
