@@ -90,7 +90,9 @@ def main() -> None:
         replace(point, conditions=mean_only, shares=point.shares[: len(mean_only)])
         for point in points(options)
     ]
-    fast = levels_chunks(every, options, 1) + [chunk for point in every for chunk in point.chunks()]
+    fast = levels_chunks(every, options.noise_windows, 1) + [
+        chunk for point in every for chunk in point.chunks()
+    ]
     timed([fast[0], fast[-1], *brute_chunks(replace(options, shots=1), 2)[:2]])  # fills the compiler's cache
     seconds, busy, found = timed(fast)
     begun = time.perf_counter()

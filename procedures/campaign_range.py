@@ -99,7 +99,7 @@ class RangeOptions:
 def plan(options: RangeOptions) -> CampaignPlan:
     """Plan the chunks of all parts."""
     every = tuple(points(options))
-    chunks = levels_chunks(every, options, options.seed + _NOISE_SEED)
+    chunks = levels_chunks(every, options.noise_windows, options.seed + _NOISE_SEED)
     for point in every:
         chunks += point.chunks()
     if options.shots and "table" in options.parts:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from procedures.local_draws import BLIND_SAMPLES, NEAR_SAMPLES
-from procedures.window_peaks import piece_peaks, refined
+from procedures.window_peaks import piece_peaks, refined, window_areas
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 
 if TYPE_CHECKING:
@@ -49,6 +49,8 @@ class EchoHits:
     arrival_s, width_s : ndarray of float64
         Arrival less that of the middle of the light, before any correction, and full width, s: of the first
         hit; and of the one of both that is nearer to the truth.
+    amplitude_v, area_v_s : ndarray of float64
+        Of the same: height of the Gaussian, V; trapezoids over the correlation window, E_CW, V s.
     """
 
     hit: NDArray[np.bool_]
@@ -56,6 +58,8 @@ class EchoHits:
     ahead: NDArray[np.int64]
     arrival_s: NDArray[np.float64]
     width_s: NDArray[np.float64]
+    amplitude_v: NDArray[np.float64]
+    area_v_s: NDArray[np.float64]
 
 
 def corrected_m(
@@ -108,7 +112,7 @@ def _hits(
     away = np.abs(found.lag - draws.middle)
     there = (found.lag >= 0) & (away <= NEAR_SAMPLES)
     likely = there & (away <= _LIKELY_SAMPLES)
-    centre, width = refined(finder, volts, np.where(likely, found.lag, -1))[:2]
+    centre, width, amplitude_v, first_sample = refined(finder, volts, np.where(likely, found.lag, -1))
     interval_s = draws.interval_s
     shift_s = (draws.first_s - draws.true_s)[draws.of_echo[part], None]
     arrival_s, width_s = shift_s + interval_s * centre, interval_s * width
@@ -122,10 +126,13 @@ def _hits(
     nearer = np.where(off_m[rows, at[:, 1]] < off_m[rows, first], at[:, 1], first)
     told, each = np.stack([first, nearer], axis=1), rows[:, None]
     ahead = (there[:, None, :] & (np.arange(near.shape[1]) < at[:, :, None])).sum(axis=2)
+    area_v_s = interval_s * window_areas(finder, volts, first_sample[each, told].astype(np.int64))
     return (
         hit,
         np.where(hit, found.score[each, at], 0.0),
         ahead,
         np.where(hit, arrival_s[each, told], 0.0),
         np.where(hit, width_s[each, told], 0.0),
+        np.where(hit, amplitude_v[each, told], 0.0),
+        np.where(hit, area_v_s, 0.0),
     )

@@ -20,6 +20,7 @@ from belahil.errors import RefusedInput
 from procedures.noise_colour import unit_noise
 from sim.chain_noise import ShotNoise
 from sim.echo import GridEcho
+from sim.laser import photon_energy_j
 from sim.light_noise import shot_noise_density, white_step_rms_v
 
 if TYPE_CHECKING:
@@ -52,6 +53,8 @@ class LocalDraws:
         First sample from the gate, s.
     true_s : ndarray of float64, shape (e,)
         Arrival of the middle of the light, from the gate, s.
+    optical_j : ndarray of float64, shape (e,)
+        Energy of the light of white ground at the photodiode, with the jitter of the laser's energy, J.
     shot_variance : ndarray of float64, shape (e, u)
         Of the steps before the filter from which shot noise is made, of white ground, V^2.
     shot_taps : ndarray of float64, shape (u, m)
@@ -74,6 +77,7 @@ class LocalDraws:
     still_v: NDArray[np.float64]
     first_s: NDArray[np.float64]
     true_s: NDArray[np.float64]
+    optical_j: NDArray[np.float64]
     shot_variance: NDArray[np.float64]
     shot_taps: NDArray[np.float64]
     shot_v: NDArray[np.float64]
@@ -128,13 +132,16 @@ def local_draws(chain: Chain, places: Places, late_s: float, draws: Draws, repea
     energy = 1 + laser.energy_jitter * draws.stream("energy").standard_normal(count)
     plan = replace(chain.plan, pixel_m=chain.surface.spacing_m)
     volts = GridEcho(chain.surface, laser, altitude_m, plan, chain.kernel, interval_s, size)
+    echo_v, lit = volts.samples(centres_m, first_s)
+    photon_j = photon_energy_j(laser.wavelength_m)
     variance, taps = _shot_steps(chain, shot_noise, centres_m, first_s, energy, size)
     of_echo = np.repeat(np.arange(count), repeats)
     return LocalDraws(
-        echo_v=volts.samples(centres_m, first_s)[0] * (gain * energy[:, None]),
+        echo_v=echo_v * (gain * energy[:, None]),
         still_v=volts.samples(places.centre_m, first_s)[0] * gain,
         first_s=first_s,
         true_s=true_s,
+        optical_j=chain.light_kernel.gain * photon_j * lit * energy,
         shot_variance=gain**2 * variance,
         shot_taps=taps,
         shot_v=gain * _shot_volts(variance[of_echo], taps, draws.stream("shot_noise")),

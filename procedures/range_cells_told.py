@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from belahil.outcome import Column
     from belahil.values import Estimate
+    from procedures.range_scenes import Condition
     from procedures.range_table import Cell
 
 
@@ -60,9 +61,23 @@ def estimate_columns(name: str, ones: list[Estimate | None], unit: str, told: st
     return {name: (values, unit, told), f"{name}_u": (uncertainties, unit, "its standard uncertainty")}
 
 
-def cells_table(cells: Sequence[Cell], dimension: str, prefix: str) -> Table:
-    """Return cells as a table of the data file, each name with a prefix."""
-    columns: dict[str, Column] = {
+class Placed(Protocol):
+    """A cell of any campaign."""
+
+    @property
+    def altitude_m(self) -> float:
+        """Altitude, m."""
+        ...
+
+    @property
+    def condition(self) -> Condition:
+        """Reflectance and noise."""
+        ...
+
+
+def circumstances(cells: Sequence[Placed], dimension: str, prefix: str) -> dict[str, Column]:
+    """Return the columns that say which cells they are."""
+    return {
         dimension: (np.arange(len(cells)), "1", "number of the cell"),
         f"{prefix}altitude": (np.array([one.altitude_m for one in cells]), "m", "altitude"),
         f"{prefix}reflectance": (
@@ -85,6 +100,13 @@ def cells_table(cells: Sequence[Cell], dimension: str, prefix: str) -> Table:
             "V",
             "stationary noise at the converter",
         ),
+    }
+
+
+def cells_table(cells: Sequence[Cell], dimension: str, prefix: str) -> Table:
+    """Return cells as a table of the data file, each name with a prefix."""
+    columns = circumstances(cells, dimension, prefix)
+    columns |= {
         f"{prefix}range_error_linear": (
             np.array([one.linear.total_m for one in cells]),
             "m",

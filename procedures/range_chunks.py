@@ -16,6 +16,7 @@ from msgspec import structs
 
 from belahil.delay_curve import DelayCurve
 from procedures.arrival_gradient import linear_errors
+from procedures.echo_energy import plain_pulses
 from procedures.echo_hits import HALF_LIGHT, corrected_m, echo_hits
 from procedures.local_draws import NEAR_SAMPLES, LocalDraws, local_draws
 from procedures.noise_colour import autocorrelation, interval_s, own_poles, unit_noise, window_noise
@@ -115,10 +116,11 @@ def echo_draws(
     Returns
     -------
     dict
-        ``hit, score_v, ahead, arrival_s, width_s`` of shape (conditions, n, 2), `EchoHits`, and ``weight`` of
-        shape (n,); the fields of `LinearErrors`, its ``width_s`` by the name ``fit_s``; ``slope_deg,
-        roughness_m, by_light_m, by_centre_m, by_plane_m`` of shape (echoes,), the last three the one-way
-        change of the true range with each of the definitions.
+        ``hit, score_v, ahead, arrival_s, width_s, amplitude_v, area_v_s`` of shape (conditions, n, 2),
+        `EchoHits`, and ``weight`` of shape (n,); of shape (echoes,): the fields of `PlainPulses`, of
+        `LinearErrors`, its ``width_s`` by the name ``fit_s``, and ``slope_deg, roughness_m, by_light_m,
+        by_centre_m, by_plane_m``, the last three the one-way change of the true range with each of the
+        definitions.
     """
     read = parse_scene(scene)
     draws, curve = Draws(seed, number), correction(read)
@@ -129,7 +131,7 @@ def echo_draws(
     row = autocorrelation(read, drawn.unit.shape[1])
     moved = _tilt(drawn, finder, conditions) if tilt is None else tilt
     drawn = tilted_noise(drawn, row, finder, moved, draws)
-    linear = linear_errors(drawn, finder, curve, row)
+    linear, plain = linear_errors(drawn, finder, curve, row), plain_pulses(drawn, finder)
     step_v = chain.receiver.quantizer.volts_per_count
     rows = [
         echo_hits(drawn, one["reflectance"], one["noise_rms_v"], step_v, finder, curve) for one in conditions
@@ -144,7 +146,19 @@ def echo_draws(
         "by_centre_m": HALF_LIGHT * (at.true_by_centre_s - at.true_s),
         "by_plane_m": HALF_LIGHT * (at.true_by_plane_s - at.true_s),
     }
-    return made | told | other
+    return made | told | asdict(plain) | other
+
+
+def plain_echoes(
+    scene: str, ground: Mapping[str, Any], slopes_deg: Sequence[float], count: int, seed: int, number: int
+) -> dict[str, NDArray[Any]]:
+    """Fit and integrate echoes without noise: the fields of `PlainPulses`; parameters as of `echo_draws`."""
+    read = parse_scene(scene)
+    draws, curve = Draws(seed, number), correction(read)
+    land, at = _footprints(read, ground, slopes_deg, count, draws, {})
+    chain = Chain(read, Accuracy(TOLERANCE), land.surface)
+    drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws)
+    return asdict(plain_pulses(drawn, chain.range_finder))
 
 
 def _tilt(drawn: LocalDraws, finder: RangeFinder, conditions: Sequence[dict[str, Any]]) -> float:

@@ -88,7 +88,7 @@ def points(options: RangeOptions) -> Iterator[Point]:
                 yield replace(point, definitions=options.definitions)
 
 
-def levels_chunks(every: Sequence[Point], options: RangeOptions, seed: int) -> list[Chunk]:
+def levels_chunks(every: Sequence[Point], windows: int, seed: int) -> list[Chunk]:
     """Return the work of the law of noise peaks for all that some points meet."""
     receivers: dict[str, tuple[Point, set[float], set[float]]] = {}
     for point in every:
@@ -100,7 +100,7 @@ def levels_chunks(every: Sequence[Point], options: RangeOptions, seed: int) -> l
     for point, exact, between in receivers.values():
         if len(between) > _LEVELS:
             between = set(np.geomspace(min(between), max(between), _LEVELS).tolist())
-        chunks += noise_chunks(point.scene, sorted(exact | between), options.noise_windows, seed)
+        chunks += noise_chunks(point.scene, sorted(exact | between), windows, seed)
     return chunks
 
 

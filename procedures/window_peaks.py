@@ -138,3 +138,30 @@ def refined(
     for array in (told[0], told[3]):
         array[row, column] -= begin
     return told
+
+
+def window_areas(
+    finder: RangeFinder, pieces: NDArray[np.float64], first: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return the trapezoids over correlation windows, the integral E_CW, V times samples.
+
+    Parameters
+    ----------
+    finder : RangeFinder
+        Its correlation window.
+    pieces : ndarray of float64, shape (n, m)
+        Pieces of windows of zero mean, V.
+    first : ndarray of int64, shape (n, k)
+        First sample of each correlation window, which lies within its piece.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, k)
+    """
+    sums = np.cumsum(np.pad(pieces, ((0, 0), (1, 0))), axis=1)
+    last = first + finder.correlation_window_samples - 1
+    begin, end, low, high = (
+        np.take_along_axis(rows, at, axis=1)
+        for rows, at in ((sums, first), (sums, last + 1), (pieces, first), (pieces, last))
+    )
+    return end - begin - (low + high) / 2

@@ -1,0 +1,67 @@
+"""``belahil campaign energy``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from belahil.cli.campaigning import Place, campaign_options, perform
+
+
+@click.command(
+    "energy", short_help="Errors of the energy of return pulses by altitude, reflectance and slope."
+)
+@click.option("--echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain in each set; 40.")
+@click.option("--slope-echoes", type=click.IntRange(min=1), metavar="N", help="At other slopes; 24.")
+@click.option("--repeats", type=click.IntRange(min=1), metavar="N", help="Shots about each echo; 6.")
+@click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of echoes at each altitude; 2.")
+@click.option("--noise-windows", type=click.IntRange(min=20), metavar="N", help="With noise only; 1000.")
+@click.option(
+    "--calibration-echoes",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Without noise, on each terrain; 20.",
+)
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of all draws; 1.")
+@click.option("--ground-seed", type=click.IntRange(min=0), metavar="N", help="Of the fractals; 100.")
+@campaign_options
+def command(
+    out: Path | None,
+    resume: Path | None,
+    workers: int | None,
+    cluster: str | None,
+    quiet: bool,
+    as_json: bool,
+    **chosen: Any,
+) -> int:
+    """Tell how wrong the energy of a detected return pulse is, by its Gaussian and by its samples."""
+    place = Place(out, resume, workers, cluster, quiet, as_json)
+    return perform("energy", "EnergyErrorOptions", chosen, place, _lines)
+
+
+def _lines(results: dict[str, Any]) -> list[str]:
+    from belahil.report.tables import one_text
+
+    lines = ["altitude  slope   light  reflectance  false, %   E_G error  mean error   E_CW error"]
+    for one in results["cells"]:
+        if one["sun"] != "mean" or one["slope_deg"] != 10.0 or one["altitude_m"] % 200e3:
+            continue
+        told = []
+        for integral, name in (("gaussian", "error"), ("gaussian", "mean_error"), ("window", "error")):
+            found = one["errors"][integral].get("own")
+            told.append("" if found is None else f"{100 * found[name]['value']:.1f} %")
+        lines.append(
+            f"{one['altitude_m'] / 1e3:5g} km  {one['slope_deg']:g} deg  {one['light']:5s}  "
+            f"{one['reflectance']:11g}  {100 * one['pfd']['value']:8.2f}   "
+            f"{told[0]:9s}  {told[1]:11s}  {told[2]}"
+        )
+    for one in results["statements"]:
+        lines.append(f"{one['holds']}: {one['statement']}")
+    for one in results["reach"]:
+        at = one["error"]["altitude"]
+        if at is not None and (one["sun"], one["slope_deg"], one["integral"]) == ("mean", 10.0, "gaussian"):
+            case = f"reflectance {one['reflectance']:g}, {one['light']}"
+            lines.append(f"error of E_G reaches 30 % at {one_text(at)}: {case}")
+    return lines
