@@ -82,6 +82,7 @@ class Statement:
             "published": self.published,
             "in": self.ours.unit,
             "ours": self.ours.as_json(),
+            "ours_interval": None if self.interval is None else list(self.interval),
             "verdict": self.verdict,
         }
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from belahil.outcome import Column
     from belahil.values import Estimate
     from procedures.noise_clusters import LevelLaws
+    from procedures.paper_statements import Statement
     from procedures.range_points import Collected
     from procedures.range_table import TableCell
 
@@ -79,8 +80,17 @@ def outcome(found: Collected) -> Outcome:
             results[name] = told
             tables |= more
             figures |= drawn
-    results["statements"] = statements(results)
+    stated = statements(results)
+    results["statements"] = [one.as_json() for one in stated]
+    if stated:
+        figures["range-statements"] = lambda: _statements_figure(stated)
     return Outcome(results=results, tables=tables, figures=figures, notes=(*definitions.values(), *NOTES))
+
+
+def _statements_figure(stated: list[Statement]) -> Figure:
+    from procedures.paper_statements_figure import statements_figure
+
+    return statements_figure(stated)
 
 
 def _headline(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:

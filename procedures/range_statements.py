@@ -35,7 +35,7 @@ _NEAR_DEG = 1.5
 _SOURCES = ("shape", "pointing", "noise")
 
 
-def statements(results: Mapping[str, Any]) -> list[dict[str, Any]]:
+def statements(results: Mapping[str, Any]) -> list[Statement]:
     """Return the statements that the computed parts decide.
 
     Parameters
@@ -45,8 +45,8 @@ def statements(results: Mapping[str, Any]) -> list[dict[str, Any]]:
 
     Returns
     -------
-    list of dict
-        Rows of `procedures.paper_statements.Statement`, by key. A statement about an altitude or a slope that
+    list of Statement
+        By key. A statement about an altitude or a slope that
         is not there, or where nothing was detected, is left out.
     """
     altitude = results.get("altitude", {"cells": (), "histograms": ()})
@@ -57,7 +57,7 @@ def statements(results: Mapping[str, Any]) -> list[dict[str, Any]]:
         found += _along(_by_km(altitude["cells"], light), light)
         found += _at_highest(_by_km(highest, light), _by_km(budget, light), light)
     found += _on_slopes(results.get("map", {"cells": ()})["cells"])
-    return [one.as_json() for one in sorted(found, key=lambda one: int(one.key[1:]))]
+    return sorted(found, key=lambda one: int(one.key[1:]))
 
 
 def _by_km(cells: Iterable[Row], light: str, reflectance: float = MEAN_REFLECTANCE) -> dict[int, Row]:

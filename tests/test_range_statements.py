@@ -12,6 +12,7 @@ from belahil.cli.main import main
 from belahil.values import Estimate
 from procedures import range_parts
 from procedures.paper_statements import Statement
+from procedures.paper_statements_figure import statements_figure
 from procedures.range_statements import statements
 from tests.test_paper_statements import ROWS
 
@@ -32,6 +33,10 @@ def cell(km: float, light: str, reflectance: float = 0.17, **changes: Any) -> di
         "by_source": {"shape": measured(0.3), "pointing": measured(0.4), "noise": measured(1.0)},
         **changes,
     }
+
+
+def said(results: dict[str, Any]) -> list[dict[str, Any]]:
+    return [one.as_json() for one in statements(results)]
 
 
 def of(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
@@ -62,7 +67,7 @@ def test_shares_and_quotients_by_hand() -> None:
     # given the same parts at all altitudes
     cells = [cell(km, light) for km in (500, 800, 1000, 1500) for light in ("day", "night")]
 
-    rows = statements({"altitude": {"cells": cells, "histograms": []}})
+    rows = said({"altitude": {"cells": cells, "histograms": []}})
 
     # then the least share is 0.09 of 1.25, and noise is 1 over 0.5
     assert [one["ours"]["value"] for one in of(rows, "R1")] == pytest.approx([0.072] * 2)
@@ -82,8 +87,8 @@ def test_the_table_comes_before_the_altitudes_and_the_budget_leaves_open() -> No
     table = {"cells": [cell(1400, "night", pfd=seldom), cell(1400, "night", sun="perihelion")]}
     wide = cell(1400, "night", error_interval_m=[0.9, 3.3], pfd_interval=[0.3, 1.0])
 
-    (plain,) = of(statements({"altitude": altitude, "table": table}), "R9")
-    (open_,) = of(statements({"table": table, "budget": {"cells": [wide]}}), "R9")
+    (plain,) = of(said({"altitude": altitude, "table": table}), "R9")
+    (open_,) = of(said({"table": table, "budget": {"cells": [wide]}}), "R9")
 
     assert plain["ours"] == open_["ours"] == seldom
     assert (plain["verdict"], open_["verdict"]) == ("differs", "open")
@@ -92,7 +97,22 @@ def test_the_table_comes_before_the_altitudes_and_the_budget_leaves_open() -> No
 def test_where_nothing_is_detected_nothing_is_said() -> None:
     blind = [cell(km, light, error=None) for km in (500, 800, 1000) for light in ("day", "night")]
 
-    assert statements({"altitude": {"cells": blind, "histograms": []}}) == []
+    assert said({"altitude": {"cells": blind, "histograms": []}}) == []
+
+
+def test_the_figure_has_a_row_for_each_statement_and_shows_what_is_beyond_its_scale() -> None:
+    few, many = (
+        cell(800, "day", pfd=measured(0.0, 0.0, "1")),
+        cell(1500, "day", pfd=measured(0.999, 0.0, "1")),
+    )
+    stated = statements({"altitude": {"cells": [few, many], "histograms": []}})
+
+    (axes,) = statements_figure(stated).axes
+
+    assert [one.get_text() for one in axes.get_yticklabels()] == [f"{one.key}  {one.says}" for one in stated]
+    # no false detection at 800 km, and hardly anything detected at 1500 km, are arrows at the left
+    arrows = [line.get_ydata()[0] for line in axes.lines if line.get_marker() == "<"]
+    assert [stated[-round(place)].key for place in arrows] == ["R10", "R11"]
 
 
 @pytest.mark.slow
