@@ -25,14 +25,26 @@ from sim.presets import detector_preset, laser_preset
 from sim.scene import Scene, load_scene
 from sim.scene_tables import SurfaceTable
 
-TEXT = (Path(__file__).resolve().parent.parent / "docs" / "paper-statements.md").read_text(encoding="utf-8")
-VERDICTS = ("agrees", "open", "partly", "differs", "put in", "not comparable")
-ROWS = {
-    cells[0]: cells[1:]
-    for line in TEXT.splitlines()
-    if re.match(r"\| [A-Z]\d", line)
-    for cells in [[cell.strip() for cell in line.strip("|").split("|")]]
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+TEXT = (DOCS / "paper-statements.md").read_text(encoding="utf-8")
+SOURCES = {
+    "Calibration of ranges": ("arrival-time", "tx-delay", "campaign-temperature"),
+    "Pulses and receiver": ("campaign-temperature",),
+    "Energy": ("energy-calibration", "campaign-energy"),
+    "Roughness": ("campaign-roughness",),
 }
+"""Pages with the runs behind a part of this one."""
+VERDICTS = ("agrees", "open", "partly", "differs", "put in", "not comparable")
+
+
+def rows_of(text: str) -> dict[str, list[str]]:
+    """Return the cells behind each key."""
+    lines = [line for line in text.splitlines() if re.match(r"\| [A-Z]\d", line)]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return {key: rest for key, *rest in cells}
+
+
+ROWS = rows_of(TEXT)
 
 
 def found(key: str) -> str:
@@ -94,6 +106,17 @@ def test_a_command_of_the_page_is_understood(call: str) -> None:
 def test_every_part_begins_with_what_to_run() -> None:
     for part in TEXT.split("\n## ")[1:]:
         assert ("\n| | the study says" in part) == ("```console\n$ belahil " in part)
+
+
+@pytest.mark.parametrize("title", SOURCES)
+def test_measured_numbers_are_those_of_the_page_they_come_from(title: str) -> None:
+    told = "".join((DOCS / f"{name}.md").read_text(encoding="utf-8") for name in SOURCES[title])
+    (part,) = [one for one in TEXT.split("\n## ")[1:] if one.startswith(title)]
+
+    measured = [one for row in rows_of(part).values() for one in re.findall(r"\d[\d.]*\([\d.]+\)", row[1])]
+
+    assert len(measured) > 3
+    assert [one for one in measured if one not in told] == []
 
 
 # ---- what is cheap to find again
