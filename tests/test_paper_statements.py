@@ -206,6 +206,9 @@ def test_the_instrument_in_closed_form() -> None:
     assert found("P7").startswith(f"{window_s * SPEED_OF_LIGHT_M_PER_S / 2e3:.1f} km")
     assert numbers(found("P8")) == pytest.approx([laser_preset().divergence_rad * h for h in (400e3, 1400e3)])
 
+    view_m = 2 * 1400e3 * math.tan(detector_preset().field_of_view_rad)
+    assert numbers(found("P19")) == pytest.approx([70, view_m, 1400], abs=0.5)
+
     nominal = detector_preset()
     both = [miller_gain(v, nominal.breakdown_v, nominal.miller_exponent) for v in (320.0, 370.0)]
     other = [miller_gain(v, 403.14, nominal.miller_exponent) for v in (320.0, 370.0)]
@@ -220,3 +223,9 @@ def test_noon_beside_night() -> None:
     rises = [round(100 * (cells["day", r] / cells["night", r] - 1)) for r in (0.17, 0.08, 0.30)]
 
     assert numbers(found("P11"))[::2] == rises
+
+
+def test_a_wandering_beam_on_a_slope() -> None:
+    moved_m = 500e3 * laser_preset().jitter_rad[0] * math.tan(math.radians(10.0))
+
+    assert f" {moved_m:.3f} m " in found("R17")
