@@ -60,8 +60,23 @@ class Chunk:
         return hashlib.sha256(told.encode()).hexdigest()[:32]
 
 
-def work(name: str, given: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Do the work of a chunk in this process."""
+def work(name: str, given: Mapping[str, Any], version: str | None = None) -> dict[str, NDArray[Any]]:
+    """Do the work of a chunk in this process.
+
+    Parameters
+    ----------
+    name, given
+        As `work` and `given` of `Chunk`.
+    version : str or None
+        Of belahil where the job was planned; None: this one.
+
+    Raises
+    ------
+    WorkerLost
+        This process has another belahil, and would give other results under the same name.
+    """
+    if version not in (None, belahil_version()):
+        raise WorkerLost(f"a worker has belahil {belahil_version()}; this job needs {version}")
     module, _, function = name.partition(":")
     made: Arrays = getattr(importlib.import_module(module), function)(**given)
     return {key: np.asarray(array) for key, array in made.items()}
@@ -190,7 +205,7 @@ def run_chunks(
                     job.keep_finished()
                     raise
         except WorkerLost as error:
-            # An executor that cannot be opened again knows nothing of chunks.
+            # What an executor raises knows nothing of chunks.
             raise WorkerLost(f"chunk {waiting[0].name}: {error}; all finished chunks are kept") from error
     return begun
 
@@ -218,7 +233,8 @@ class _Job:
         while self._waiting or self.running:
             while self._waiting and len(self.running) < self._in_flight:
                 chunk = self._waiting[0]
-                self.running[self._pool.submit(work, chunk.work, dict(chunk.given))] = chunk
+                given = (chunk.work, dict(chunk.given), belahil_version())
+                self.running[self._pool.submit(work, *given)] = chunk
                 self._waiting.popleft()
             done, _ = wait(self.running, return_when=FIRST_COMPLETED)
             for future in done:
@@ -234,6 +250,7 @@ class _Job:
         except Exception as error:
             error.add_note(f"in chunk {chunk.name}; all finished chunks are kept")
             del self.running[future]
+            self._waiting.appendleft(chunk)
             raise
         self._store.put(chunk, result)
         del self.running[future]
@@ -248,9 +265,8 @@ class _Job:
 
     def keep_finished(self) -> None:
         """Wait for what has begun, and keep what came of it: a stop loses no finished work."""
-        for future in list(self.running):
-            future.cancel()
-        wait(self.running)
+        # An executor need not tell that it heard of a cancellation: none waits for that.
+        wait([future for future in self.running if not future.cancel()])
         for future in list(self.running):
             if not future.cancelled() and future.exception() is None:
                 self._keep(future)

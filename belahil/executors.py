@@ -98,7 +98,7 @@ def cluster_workers(address: str) -> Workers:
         No scheduler answers, or it has no workers.
     """
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError as error:
         raise RefusedInput(
             f"--cluster {address}: needs the library distributed; install belahil[cluster]"
@@ -111,7 +111,10 @@ def cluster_workers(address: str) -> Workers:
     @contextmanager
     def opened() -> Iterator[Executor]:
         with _client(Client, address) as client, client.get_executor(pure=False, retries=1) as pool:
-            yield pool
+            try:
+                yield pool
+            except KilledWorker as error:
+                raise WorkerLost("every worker that began it died") from error
 
     return Workers(count, opened)
 

@@ -15,15 +15,22 @@ def noise(seed: int, count: int) -> dict[str, np.ndarray]:
     return {"values": np.random.Generator(np.random.Philox(key=seed)).standard_normal(count)}
 
 
-def slow(seed: int, seconds: float) -> dict[str, np.ndarray]:
+def slow(seed: int, seconds: float, count: int = 4) -> dict[str, np.ndarray]:
     time.sleep(seconds)
-    return noise(seed, 4)
+    return noise(seed, count)
 
 
 def dies_once(seed: int, mark: str) -> dict[str, np.ndarray]:
     """Kill the process of the worker, the first time."""
     if not Path(mark).exists():
         Path(mark).touch()
+        os._exit(9)
+    return noise(seed, 4)
+
+
+def dies_without(seed: int, mark: str) -> dict[str, np.ndarray]:
+    """Kill the process of the worker, unless a file is there."""
+    if not Path(mark).exists():
         os._exit(9)
     return noise(seed, 4)
 

@@ -7,13 +7,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from cluster import ENVIRONMENT, ROOT, free_port, scheduler
 
 from belahil import chunks as subject
 from belahil.chunks import ATTEMPTS, Chunk, ChunkStore, ThisProcess, run_chunks
@@ -21,7 +19,6 @@ from belahil.errors import RefusedInput, StorageError, WorkerLost
 from belahil.executors import cluster_workers, local_workers
 
 NOISE = tuple(Chunk(f"noise {n}", "tests.chunk_work:noise", {"seed": n, "count": 100 + n}) for n in range(7))
-ROOT = Path(__file__).resolve().parent.parent
 
 
 def told(store: ChunkStore, chunks: tuple[Chunk, ...] = NOISE) -> list[bytes]:
@@ -174,7 +171,7 @@ def test_ctrl_c_keeps_what_has_begun(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, str(script), str(tmp_path / "chunks")],
         cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        env=ENVIRONMENT,
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
@@ -192,52 +189,6 @@ def test_ctrl_c_keeps_what_has_begun(tmp_path: Path) -> None:
     assert done <= int(last[1]) < 40
 
 
-@contextmanager
-def scheduler() -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A real scheduler and two real workers on loopback."""
-    port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": ROOT}
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    words = ["scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard", "--no-show"]
-    begun = [subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", *words[1:]], **quiet)]  # type: ignore[call-overload]
-    try:
-        for _ in range(2):
-            more = ["--nthreads", "1", "--no-dashboard", "--no-nanny"]
-            begun.append(
-                subprocess.Popen(  # type: ignore[call-overload]
-                    [sys.executable, "-m", "distributed.cli.dask_worker", address, *more],
-                    env=environment,
-                    **quiet,
-                )
-            )
-        yield address, begun
-    finally:
-        for process in begun:
-            process.kill()
-            process.wait()
-
-
-def free_port() -> int:
-    import socket
-
-    with socket.socket() as held:
-        held.bind(("127.0.0.1", 0))
-        return int(held.getsockname()[1])
-
-
-def connected(address: str, count: int) -> None:
-    deadline = time.monotonic() + 60
-    while True:
-        try:
-            if cluster_workers(address).count >= count:
-                return
-        except WorkerLost:
-            if time.monotonic() > deadline:
-                raise
-        time.sleep(0.3)
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_cluster_gives_the_same_bits_and_bears_the_loss_of_a_worker(
@@ -245,7 +196,6 @@ def test_a_cluster_gives_the_same_bits_and_bears_the_loss_of_a_worker(
 ) -> None:
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
     with scheduler() as (address, begun):
-        connected(address, 2)
         workers = cluster_workers(address)
         late = tuple(Chunk(f"s{n}", "tests.chunk_work:slow", {"seed": n, "seconds": 0.2}) for n in range(20))
 
