@@ -75,17 +75,23 @@ class CellDraws:
         return np.asarray(values.reshape(self.echoes, -1).sum(axis=1))
 
 
+def law_slopes(draws: CellDraws, law: NoiseClusters) -> tuple[float, float]:
+    """Return the derivatives of the probability of false detection by a and b of the law."""
+    total, step = float(draws.weight.sum()), 1e-3
+
+    def false(a: float = 0.0, b: float = 0.0) -> float:
+        kept = draws.kept(replace(law, a=law.a + a, b=law.b + b))[:, 0]
+        return -float(draws.weight @ kept) / total
+
+    by_a = (false(step) - false(-step)) / (2 * step)
+    return by_a, (false(0.0, step) - false(0.0, -step)) / (2 * step)
+
+
 def fast_pfd(draws: CellDraws, law: NoiseClusters) -> Estimate:
     """Return the probability of false detection; the law's own uncertainty is in it."""
     total = float(draws.weight.sum())
-
-    def detected(a: float = 0.0, b: float = 0.0) -> float:
-        kept = draws.kept(replace(law, a=law.a + a, b=law.b + b))[:, 0]
-        return float(draws.weight @ kept) / total
-
-    step, share = 1e-3, detected()
-    by_a = (detected(step) - detected(-step)) / (2 * step)
-    by_b = (detected(0.0, step) - detected(0.0, -step)) / (2 * step)
+    share = float(draws.weight @ draws.kept(law)[:, 0]) / total
+    by_a, by_b = law_slopes(draws, law)
     u_a, u_b = by_a * law.a_u, by_b * law.b_u
     of_law = max(u_a**2 + u_b**2 + 2 * law.correlation * u_a * u_b, 0.0)
     away = draws.by_echo(draws.weight * (draws.kept(law)[:, 0] - share))

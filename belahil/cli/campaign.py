@@ -8,7 +8,7 @@ import click
 
 from belahil.cli.options import version_option
 
-CAMPAIGNS: tuple[str, ...] = ("energy", "range", "roughness", "temperature", "terrain")
+CAMPAIGNS: tuple[str, ...] = ("energy", "orbit", "range", "roughness", "temperature", "terrain")
 
 
 class _Late(click.Group):
