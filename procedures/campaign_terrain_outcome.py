@@ -11,7 +11,7 @@ from belahil.outcome import Outcome, Table
 from belahil.values import Estimate
 from procedures.arrival_ground import EXTENT_M, ROUGHNESS_M
 from procedures.campaign_terrain import BASELINES_M, QUANTILES
-from procedures.study_ground import BASELINE_M, LEVELS
+from procedures.study_ground import BASELINE_M, HURST, LEVELS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from belahil.campaign_run import CampaignPlan
 
-HURST = 0.8
-"""Of the fractals (paper, "Analog DTMs")."""
 BANDS = (0.01, 0.25, 0.5, 0.75, 0.99)
 _BOOTSTRAPS = 400
 

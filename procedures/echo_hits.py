@@ -7,12 +7,13 @@ as the echo there may be two hits.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from procedures.local_draws import BLIND_SAMPLES, NEAR_SAMPLES
+from procedures.local_draws import NEAR_SAMPLES
 from procedures.window_peaks import piece_peaks, refined, window_areas
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 FALSE_M = 10.0
 HALF_LIGHT = SPEED_OF_LIGHT_M_PER_S / 2
 
-_PEAKS = 6
-"""Looked at in a piece of a window: more do not fit next to each other."""
 _LIKELY_SAMPLES = 10
 """From the middle, within which a peak may be refined to within 10 m: those are 5.3, the refinement moves by
 3 at most, and the arrival lies within one of the middle."""
@@ -107,8 +106,11 @@ def echo_hits(
 def _hits(
     draws: LocalDraws, volts: NDArray[np.float64], part: slice, finder: RangeFinder, curve: DelayCurve
 ) -> tuple[NDArray[np.generic], ...]:
-    wide = NEAR_SAMPLES + BLIND_SAMPLES
-    found = piece_peaks(finder, volts, (draws.middle - wide, draws.middle + wide), _PEAKS)
+    # Within the range finder's exclusion a peak keeps others from being seen.
+    wide = NEAR_SAMPLES + finder.exclusion_samples
+    # More do not fit next to each other.
+    most = math.ceil((2 * wide + 1) / (finder.exclusion_samples + 1))
+    found = piece_peaks(finder, volts, (draws.middle - wide, draws.middle + wide), most)
     away = np.abs(found.lag - draws.middle)
     there = (found.lag >= 0) & (away <= NEAR_SAMPLES)
     likely = there & (away <= _LIKELY_SAMPLES)

@@ -88,7 +88,7 @@ class FootprintPlanes:
 
 
 def footprint_planes(
-    relief: Grid, sigma_m: float, margin_m: float, *, by_beam: bool = False
+    relief: Grid, sigma_m: float | tuple[float, float], margin_m: float, *, by_beam: bool = False
 ) -> FootprintPlanes:
     """Describe the footprint about each post.
 
@@ -96,8 +96,9 @@ def footprint_planes(
     ----------
     relief : Grid
         Heights without gaps.
-    sigma_m : float
-        Standard deviation of a round Gaussian beam on the ground, m.
+    sigma_m : float or tuple of float
+        Standard deviation of a round Gaussian beam on the ground, or of an ellipse along x and along y, m;
+        the disc is then an ellipse too.
     margin_m : float
         Distance from the edge of the grid within which no footprint is described, at least 4.5 standard
         deviations, m.
@@ -110,21 +111,23 @@ def footprint_planes(
         Gaps, a margin that the beam crosses or that leaves no post, or a disc of fewer than 9 posts.
     """
     step = relief.spacing_m
-    margin, reach = math.ceil(margin_m / step), math.ceil(_REACH * sigma_m / step)
+    along_m, across_m = sigma_m if isinstance(sigma_m, tuple) else (sigma_m, sigma_m)
+    wide_m = max(along_m, across_m)
+    margin, reach = math.ceil(margin_m / step), math.ceil(_REACH * wide_m / step)
     if relief.known is not None:
         raise RefusedInput("planes under footprints need a terrain model without gaps")
     if margin < reach or min(relief.values.shape) <= 2 * margin:
         raise RefusedInput(
-            f"footprints of {sigma_m:.3g} m rms on {relief.values.shape[0]} x {relief.values.shape[1]} posts "
+            f"footprints of {wide_m:.3g} m rms on {relief.values.shape[0]} x {relief.values.shape[1]} posts "
             f"{step:g} m apart with a margin of {margin_m:.4g} m: allowed are margins from "
             f"{reach * step:.4g} m on that leave a post"
         )
     away = step * np.arange(-reach, reach + 1)
-    squares = away**2 + away[:, None] ** 2
-    beam = np.where(squares <= (_REACH * sigma_m) ** 2, np.exp(-0.5 * squares / sigma_m**2), 0.0)
-    weights = beam if by_beam else (squares <= (EDGE * sigma_m) ** 2).astype(np.float64)
+    squares = away**2 + (away * (along_m / across_m))[:, None] ** 2
+    beam = np.where(squares <= (_REACH * along_m) ** 2, np.exp(-0.5 * squares / along_m**2), 0.0)
+    weights = beam if by_beam else (squares <= (EDGE * along_m) ** 2).astype(np.float64)
     if np.count_nonzero(weights) < 9:
-        raise RefusedInput(f"a footprint of {sigma_m:.3g} m rms on posts {step:g} m apart holds too few")
+        raise RefusedInput(f"a footprint of {wide_m:.3g} m rms on posts {step:g} m apart holds too few")
     beam, weights = beam / beam.sum(), weights / weights.sum()
     inner = np.s_[margin : relief.values.shape[0] - margin, margin : relief.values.shape[1] - margin]
     part = relief.values[
@@ -135,9 +138,9 @@ def footprint_planes(
     light, flat, east, north, bent = _weighted(
         part - datum, (beam, weights, weights * away, weights * away[:, None]), weights
     )
-    spread = float((weights * away**2).sum())
-    along, across = east / spread, north / spread
-    variance = bent - flat**2 - spread * (along**2 + across**2)
+    spread = (float((weights * away**2).sum()), float((weights * away[:, None] ** 2).sum()))
+    along, across = east / spread[0], north / spread[1]
+    variance = bent - flat**2 - (spread[0] * along**2 + spread[1] * across**2)
     return FootprintPlanes(
         margin,
         light + datum,

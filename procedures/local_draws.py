@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from belahil.config import Interleave
 from belahil.errors import RefusedInput
 from procedures.noise_colour import unit_noise
 from sim.chain_noise import ShotNoise
@@ -29,12 +30,14 @@ if TYPE_CHECKING:
     from procedures.range_ground import Places
     from sim.chain import Chain
     from sim.draws import Draws
+    from sim.rfm import RangeFinder
 
 NEAR_SAMPLES = 20
 """On either side of the place where an echo is looked for; false is more than 10 m, 5.3 samples, away."""
-BLIND_SAMPLES = 10
-"""Beyond these, in which a peak keeps others from being seen: the range finder's exclusion."""
 
+_HALF_SAMPLES = 81
+"""Of a piece at least: so much serves any range finder of the assumption budget, so that all meet the same
+noise."""
 _AT_ONCE = 256
 """Rows of shot noise in one product of matrices."""
 _FORGOTTEN_SAMPLES = 40
@@ -71,6 +74,10 @@ class LocalDraws:
         Between samples, s.
     middle : int
         Sample next to which an echo arrives behind the filter.
+    even : ndarray of int64, shape (e,)
+        The first sample of the converter that takes the even samples of a window: 0 or 1.
+    mismatch : Interleave
+        Of the two converters, as `sim.converter` has it; echoes have its skew already.
     """
 
     echo_v: NDArray[np.float64]
@@ -86,6 +93,8 @@ class LocalDraws:
     of_echo: NDArray[np.int64]
     interval_s: float
     middle: int
+    even: NDArray[np.int64]
+    mismatch: Interleave
 
     def windows(
         self, reflectance: float, noise_rms_v: float, part: slice = slice(None)
@@ -93,7 +102,24 @@ class LocalDraws:
         """Return the samples of some shots of a scene before they are rounded, V."""
         found = reflectance * self.echo_v[self.of_echo[part]] + noise_rms_v * self.unit[part]
         found += math.sqrt(reflectance) * self.shot_v[part]
-        return found
+        if self.mismatch == Interleave():
+            return found
+        side = alternating(self.even[self.of_echo[part]], found.shape[1])
+        return mismatched(found, side, self.mismatch)
+
+
+def alternating(even: NDArray[np.int64], size: int) -> NDArray[np.float64]:
+    """Return 1 for samples of the converter of the even ones and -1 for the others, shape (n, size)."""
+    return np.asarray(1.0 - 2.0 * ((np.arange(size) - even[:, None]) % 2))
+
+
+def mismatched(
+    volts: NDArray[np.float64], side: NDArray[np.float64], mismatch: Interleave
+) -> NDArray[np.float64]:
+    """Return samples with the gains and offsets of two converters, which `side` tells as `alternating`, V."""
+    if not (mismatch.gain or mismatch.offset_v):
+        return volts
+    return volts * (1 + mismatch.gain / 2 * side) + mismatch.offset_v / 2 * side
 
 
 def local_draws(chain: Chain, places: Places, late_s: float, draws: Draws, repeats: int = 1) -> LocalDraws:
@@ -108,7 +134,7 @@ def local_draws(chain: Chain, places: Places, late_s: float, draws: Draws, repea
     late_s : float
         By how much an echo is late behind the receiver's filter, to a sample, s.
     draws : Draws
-        "phase", "pointing", "energy", "shot_noise" and "noise".
+        "phase", "pointing", "energy", "shot_noise" and "noise"; "converter" where two of them differ.
     repeats : int
         Shots with noise of their own for each echo.
 
@@ -122,7 +148,7 @@ def local_draws(chain: Chain, places: Places, late_s: float, draws: Draws, repea
     if chain.surface.albedo != 1.0 or shot_noise is None:
         raise RefusedInput("draws about an echo need a reflectance of 1 and shot noise")
     count, interval_s = places.true_s.size, chain.receiver.grid.interval_s
-    half = NEAR_SAMPLES + BLIND_SAMPLES + chain.range_finder.bank.reach
+    half = max(_HALF_SAMPLES, _needed(chain.range_finder))
     size = 2 * half + 1
     true_s = places.true_s + chain.kernel.pulse.mean_s
     phase = draws.stream("phase").random(count)
@@ -136,6 +162,14 @@ def local_draws(chain: Chain, places: Places, late_s: float, draws: Draws, repea
     photon_j = photon_energy_j(laser.wavelength_m)
     variance, taps = _shot_steps(chain, shot_noise, centres_m, first_s, energy, size)
     of_echo = np.repeat(np.arange(count), repeats)
+    mismatch, even = chain.scene.truth.interleave, np.zeros(count, dtype=np.int64)
+    if mismatch != Interleave():
+        even = draws.stream("converter").integers(2, size=count)
+    echo_v = volts.samples(centres_m, first_s)[0]
+    if mismatch.skew_s:
+        late = volts.samples(centres_m, first_s + mismatch.skew_s / 2)[0]
+        early = volts.samples(centres_m, first_s - mismatch.skew_s / 2)[0]
+        echo_v = np.where(alternating(even, size) > 0, late, early)
     return LocalDraws(
         echo_v=echo_v * (gain * energy[:, None]),
         still_v=volts.samples(places.centre_m, first_s)[0] * gain,
@@ -150,7 +184,15 @@ def local_draws(chain: Chain, places: Places, late_s: float, draws: Draws, repea
         of_echo=of_echo,
         interval_s=interval_s,
         middle=half,
+        even=even,
+        mismatch=mismatch,
     )
+
+
+def _needed(finder: RangeFinder) -> int:
+    """Samples on either side of the middle that a search, and a fit about what it finds, may touch."""
+    searched = finder.exclusion_samples + finder.bank.tap_reach
+    return NEAR_SAMPLES + max(searched, finder.correlation_window_samples // 2 + 1)
 
 
 def _shot_steps(

@@ -75,9 +75,9 @@ def _towards(finder: RangeFinder, middle: int, covariance: NDArray[np.float64]) 
     """Templates whose product with the noise is standard normal, shape (tilts, samples)."""
     bank, found = finder.bank, []
     for lag in _LAGS:
-        for bell in bank.templates[1::_EACH]:
+        for bell in bank.lit_templates[1::_EACH]:
             template = np.zeros(covariance.shape[0])
-            begin = middle + lag - bank.reach
+            begin = middle + lag - bank.tap_reach
             template[begin : begin + bell.size] = bell
             found.append(template / math.sqrt(template @ covariance @ template))
     return np.array(found)

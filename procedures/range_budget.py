@@ -8,13 +8,17 @@ each for as likely anywhere in its range: a half range over sqrt(3), upwards and
 The dark noise follows from the text by the noise of the sun. What changes that noise changes the dark noise
 with it; the dark noise by itself is a constant of its own, for what the text's "about 80 %" leaves open.
 
-What this does not vary: the range finder's templates and arithmetic, the form of pulse and beam, speckle.
+Constants that no formula bounds are two alternatives: the number that is assumed, and one other.
+
+What this does not vary: a range finder in whole numbers or with a threshold, a pulse that is no Gaussian with
+a tail, a beam that is no ellipse, noise that is not white before the filter, a gain that falls below 13 mV,
+speckle.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +26,7 @@ from msgspec import structs
 
 from belahil.values import Estimate
 from procedures.range_chunks import correction
-from procedures.range_ground import GroundKey
+from procedures.range_constants import CONSTANTS, Constant
 from procedures.range_points import Point
 from procedures.range_scenes import (
     ALTITUDES_M,
@@ -37,12 +41,13 @@ from procedures.range_table import cell_draws, cells
 from sim.scene import as_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
     from procedures.campaign_range import RangeOptions
     from procedures.noise_clusters import LevelLaws
+    from procedures.range_ground import GroundKey
     from procedures.range_points import Drawn
     from procedures.range_table import Cell
     from sim.scene import Scene
@@ -53,86 +58,6 @@ TILTS = {500e3: 0.0, 800e3: 0.5, 1100e3: 1.0, 1400e3: 2.0}
 _ENDS = ("low", "high")
 
 
-@dataclass(frozen=True, slots=True)
-class Constant:
-    """A number that is assumed.
-
-    Parameters
-    ----------
-    name, unit : str
-        For people.
-    low, assumed, high : float
-        Ends of its range, and the default.
-    scene : callable
-        Puts a value into a scene.
-    ground : callable
-        Puts it into the ground.
-    reflectances : callable
-        Puts it into the reflectances of dark ground, regolith and ice.
-    dark_follows : bool
-        Whether the dark noise is derived again with it.
-    """
-
-    name: str
-    unit: str
-    low: float
-    assumed: float
-    high: float
-    scene: Callable[[Scene, float], Scene] = lambda scene, value: scene
-    ground: Callable[[GroundKey, float], GroundKey] = lambda ground, value: ground
-    reflectances: Callable[[float], tuple[float, ...]] = lambda value: REFLECTANCES
-    dark_follows: bool = True
-
-
-def _detector(**keys: float) -> Callable[[Scene, float], Scene]:
-    (key,), scale = keys, next(iter(keys.values()))
-    return lambda scene, value: structs.replace(
-        scene, detector=structs.replace(scene.detector, **{key: scale * value})
-    )
-
-
-def _laser(**keys: float) -> Callable[[Scene, float], Scene]:
-    (key,), scale = keys, next(iter(keys.values()))
-    return lambda scene, value: structs.replace(
-        scene, laser=structs.replace(scene.laser, **{key: scale * value})
-    )
-
-
-def _jitter(scene: Scene, value: float) -> Scene:
-    return structs.replace(scene, laser=structs.replace(scene.laser, jitter_rad=(1e-6 * value, 1e-6 * value)))
-
-
-def _dark(scene: Scene, value: float) -> Scene:
-    return structs.replace(scene, noise=structs.replace(scene.noise, dark_rms_v=1e-3 * value))
-
-
-def _full_scale(scene: Scene, value: float) -> Scene:
-    return structs.replace(scene, electronics=structs.replace(scene.electronics, adc_full_scale_v=value))
-
-
-def _other(ground: GroundKey, value: float) -> GroundKey:
-    return replace(ground, seed=ground.seed + int(50 * value))
-
-
-OTHER_GROUND = "other fractals"
-"""No number, but what the chance of the ground makes of a prediction."""
-
-CONSTANTS = (
-    Constant("effective R_f", "kohm", 40.0, 45.0, 50.0, _detector(feedback_ohm=1e3)),
-    Constant("excess noise exponent", "", 0.2, 0.3, 0.5, _detector(excess_noise_exponent=1.0)),
-    Constant("dark noise by itself", "mV", 0.7, 0.825, 1.2, _dark, dark_follows=False),
-    Constant("extra pole of the amplifier", "MHz", 20.0, math.inf, math.inf, _detector(tia_pole_hz=1e6)),
-    Constant("span of the converter", "V", 1.04, 2.0, 4.0, _full_scale),
-    Constant("pointing jitter", "urad", 0.5, 1.0, 2.0, _jitter),
-    Constant("divergence", "urad", 42.0, 50.0, 60.0, _laser(divergence_rad=1e-6)),
-    Constant("pulse width", "ns", 3.0, 5.4, 8.0, _laser(fwhm_s=1e-9)),
-    Constant("pulse tail", "ns", 0.0, 3.0, 10.0, _laser(tail_s=1e-9)),
-    Constant("reflectance of ice", "", 0.25, 0.30, 0.40, reflectances=lambda x: (*REFLECTANCES[:2], x)),
-    Constant("relief of the fractals", "x", 0.5, 1.0, 2.0, ground=lambda one, x: replace(one, factor=x)),
-    Constant(OTHER_GROUND, "", 1.0, 0.0, 2.0, ground=_other),
-)
-
-
 def budget_points(options: RangeOptions, seed: int) -> Iterator[Point]:
     """Return the points: as assumed, and each constant at both ends of its range."""
     for altitude_m in ALTITUDES_M:
@@ -140,7 +65,7 @@ def budget_points(options: RangeOptions, seed: int) -> Iterator[Point]:
         for one in CONSTANTS:
             for end in _ENDS:
                 value = getattr(one, end)
-                if math.isinf(value):
+                if value == one.assumed:
                     continue
                 scene = one.scene(base_scene(altitude_m), value)
                 if one.dark_follows:
@@ -217,14 +142,23 @@ class BudgetCell:
 
     def interval(self, which: int) -> tuple[float, float]:
         """Return error, m, or PFD at two standard uncertainties below and above; 0: error, 1: PFD."""
-        ends = [(one.low[which].value, one.high[which].value) for one in self.shifts]
-        up = math.sqrt(sum(max(*pair, 0.0) ** 2 for pair in ends) / 3)
-        down = math.sqrt(sum(min(*pair, 0.0) ** 2 for pair in ends) / 3)
+        up, down = (math.sqrt(sum(side)) for side in zip(*self._variances(which), strict=True))
         if which == 1:
             value = self.cell.pfd.value
             return max(value - 2 * down, 0.0), min(value + 2 * up, 1.0)
         value = self.cell.spread.value if self.cell.spread is not None else 0.0
         return value * math.exp(-2 * down), value * math.exp(2 * up)
+
+    def shares(self, which: int) -> tuple[float, ...]:
+        """Return each constant's part of the variance, both sides together; zeros where nothing moves."""
+        variances = [up + down for up, down in self._variances(which)]
+        total = sum(variances)
+        return tuple(one / total if total else 0.0 for one in variances)
+
+    def _variances(self, which: int) -> list[tuple[float, float]]:
+        """Of each constant upwards and downwards: a half range over sqrt(3), squared."""
+        ends = [(one.low[which].value, one.high[which].value) for one in self.shifts]
+        return [(max(*pair, 0.0) ** 2 / 3, min(*pair, 0.0) ** 2 / 3) for pair in ends]
 
 
 def budget(points: tuple[Drawn, ...], laws: Mapping[str, LevelLaws]) -> tuple[BudgetCell, ...]:

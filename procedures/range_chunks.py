@@ -18,7 +18,7 @@ from belahil.delay_curve import DelayCurve
 from procedures.arrival_gradient import linear_errors
 from procedures.echo_energy import plain_pulses
 from procedures.echo_hits import HALF_LIGHT, corrected_m, echo_hits
-from procedures.local_draws import NEAR_SAMPLES, LocalDraws, local_draws
+from procedures.local_draws import NEAR_SAMPLES, LocalDraws, alternating, local_draws, mismatched
 from procedures.noise_colour import autocorrelation, interval_s, own_poles, unit_noise, window_noise
 from procedures.noise_tilt import fitting_tilt, tilted_noise
 from procedures.range_ground import Places, Strips, footprints
@@ -73,7 +73,10 @@ def _footprints(
     draws: Draws,
     definitions: Mapping[str, Any],
 ) -> tuple[Strips, Places]:
-    sigma_m = beam_sigma_m(scene.laser, scene.altitude_m)[0]
+    sigma_m = beam_sigma_m(scene.laser, scene.altitude_m)
+    # Echoes from posts take an ellipse along x or y, and refuse others.
+    if scene.laser.beam == "elliptical" and scene.laser.beam_azimuth_deg % 180 == 90:
+        sigma_m = sigma_m[::-1]
     slopes = (slopes_deg[0], slopes_deg[1])
     return footprints(ground, sigma_m, slopes, count, draws, Definitions(**definitions))
 
@@ -130,7 +133,8 @@ def echo_draws(
     drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws, repeats)
     row = autocorrelation(read, drawn.unit.shape[1])
     moved = _tilt(drawn, finder, conditions) if tilt is None else tilt
-    drawn = tilted_noise(drawn, row, finder, moved, draws)
+    # Towards the same templates whatever the range finder's are: all that are compared meet the same noise.
+    drawn = tilted_noise(drawn, row, RangeFinder.of(read.receiver_spec), moved, draws)
     linear, plain = linear_errors(drawn, finder, curve, row), plain_pulses(drawn, finder)
     step_v = chain.receiver.quantizer.volts_per_count
     rows = [
@@ -195,10 +199,12 @@ def noise_peaks(
     )
     step_v = read.truth.adc_full_scale_v / 2**read.truth.adc_bits
     found = np.empty((len(noise_rms_v), windows, NOISE_PEAKS))
+    side = alternating(np.zeros(1, dtype=np.int64), spec.max_sample_count)[0]
     for number in range(windows):
         drawn = window_noise(unit, seed, first + number, spec.max_sample_count)
         for level, rms_v in enumerate(noise_rms_v):
-            volts = np.rint(rms_v / step_v * drawn) * step_v
+            volts = mismatched(rms_v * drawn, side, read.truth.interleave)
+            volts = np.rint(volts / step_v) * step_v
             found[level, number] = window_peaks(finder, volts, NOISE_PEAKS)
     return {"score_v": found}
 

@@ -17,7 +17,7 @@ from belahil.errors import RefusedInput
 from procedures.arrival_ground import EXTENT_M
 from procedures.footprint_planes import FootprintPlanes, footprint_planes
 from procedures.range_truth import USUAL, Definitions
-from procedures.study_ground import LEVELS, fractal, gapless_squares, terrain_file
+from procedures.study_ground import HURST, LEVELS, fractal, gapless_squares, terrain_file
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.terrain import Surface, gradient_of
 from sim.terrain_grid import Grid
@@ -54,6 +54,8 @@ class GroundKey:
         By which heights are multiplied before.
     digest : str
         Of a terrain model's content, so that another one under the same name is not taken for it.
+    hurst : float
+        Exponent of the fractals; their RMS deviations at 65 m stay.
     """
 
     kind: str = "fractal"
@@ -61,6 +63,7 @@ class GroundKey:
     tilt_deg: float = 10.0
     factor: float = 1.0
     digest: str = ""
+    hurst: float = HURST
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,13 +133,16 @@ class Strips:
         return tuple(found)
 
 
-def described(flats: tuple[Grid, ...], sigma_m: float, by_beam: bool = False) -> tuple[FootprintPlanes, ...]:
-    """Return what lies under a round beam of `sigma_m` at the posts of each; as `footprint_planes`."""
-    return tuple(footprint_planes(relief, sigma_m, _MARGIN * sigma_m, by_beam=by_beam) for relief in flats)
+def described(
+    flats: tuple[Grid, ...], sigma_m: float | tuple[float, float], by_beam: bool = False
+) -> tuple[FootprintPlanes, ...]:
+    """Return what lies under a beam of `sigma_m` at the posts of each; as `footprint_planes`."""
+    margin_m = _MARGIN * (max(sigma_m) if isinstance(sigma_m, tuple) else sigma_m)
+    return tuple(footprint_planes(relief, sigma_m, margin_m, by_beam=by_beam) for relief in flats)
 
 
 @lru_cache(maxsize=3)
-def flat_terrains(kind: str, seed: int, factor: float) -> tuple[Grid, ...]:
+def flat_terrains(kind: str, seed: int, factor: float, hurst: float = HURST) -> tuple[Grid, ...]:
     """Return the terrains of a ground before their tilt, each about its mean height.
 
     Raises
@@ -148,7 +154,7 @@ def flat_terrains(kind: str, seed: int, factor: float) -> tuple[Grid, ...]:
         posts = round(EXTENT_M / SPACING_M) + 1
         return (Grid(np.zeros((posts, posts)), SPACING_M, 0.0, 0.0),)
     if kind == "fractal":
-        reliefs = [_relief(fractal(level, seed)) for level in range(LEVELS)]
+        reliefs = [_relief(fractal(level, seed, hurst=hurst)) for level in range(LEVELS)]
     else:
         reliefs = list(gapless_squares(_relief(terrain_file(kind))))
     return tuple(Grid(factor * (one.values - one.values.mean()), one.spacing_m, 0.0, 0.0) for one in reliefs)
@@ -162,19 +168,19 @@ def _relief(surface: Surface) -> Grid:
 @lru_cache(maxsize=2)
 def strips(ground: GroundKey) -> Strips:
     """Return a ground: 15 MB."""
-    return Strips(flat_terrains(ground.kind, ground.seed, ground.factor), ground.tilt_deg)
+    return Strips(flat_terrains(ground.kind, ground.seed, ground.factor, ground.hurst), ground.tilt_deg)
 
 
 @lru_cache(maxsize=2)
 def _flat_planes(
-    kind: str, seed: int, factor: float, sigma_m: float, by_beam: bool
+    kind: str, seed: int, factor: float, hurst: float, sigma_m: tuple[float, float], by_beam: bool
 ) -> tuple[FootprintPlanes, ...]:
-    return described(flat_terrains(kind, seed, factor), sigma_m, by_beam)
+    return described(flat_terrains(kind, seed, factor, hurst), sigma_m, by_beam)
 
 
 def footprints(
     given: Mapping[str, Any],
-    sigma_m: float,
+    sigma_m: tuple[float, float],
     slopes_deg: tuple[float, float],
     count: int,
     draws: Draws,
@@ -186,8 +192,8 @@ def footprints(
     ----------
     given : mapping
         Fields of `GroundKey`.
-    sigma_m : float
-        Of the round beam, m.
+    sigma_m : tuple of float
+        Of the beam along x and along y, m.
     slopes_deg, count, draws
         As in `places`.
     definitions : Definitions
@@ -195,7 +201,7 @@ def footprints(
     """
     key = GroundKey(**given)
     ground = strips(key)
-    flat = _flat_planes(key.kind, key.seed, key.factor, sigma_m, definitions.by_beam)
+    flat = _flat_planes(key.kind, key.seed, key.factor, key.hurst, sigma_m, definitions.by_beam)
     return ground, places(ground, ground.planes(flat), slopes_deg, count, draws, definitions.truth)
 
 

@@ -97,10 +97,10 @@ def levels_chunks(every: Sequence[Point], windows: int, seed: int) -> list[Chunk
         levels = {one.noise_rms_v for one in point.conditions}
         (exact if point.part == "table" else between).update(levels)
     chunks = []
-    for point, exact, between in receivers.values():
+    for number, (point, exact, between) in enumerate(receivers.values()):
         if len(between) > _LEVELS:
             between = set(np.geomspace(min(between), max(between), _LEVELS).tolist())
-        chunks += noise_chunks(point.scene, sorted(exact | between), windows, seed)
+        chunks += noise_chunks(point.scene, sorted(exact | between), windows, seed, number)
     return chunks
 
 

@@ -97,8 +97,10 @@ class Point:
         return [asdict(one) for one, share in both if number < share * self.sets]
 
 
-def noise_chunks(scene: Scene, levels_v: Sequence[float], windows: int, seed: int) -> list[Chunk]:
-    """Return the work of the law of noise peaks of a scene's receiver at some levels, V."""
+def noise_chunks(
+    scene: Scene, levels_v: Sequence[float], windows: int, seed: int, number: int = 0
+) -> list[Chunk]:
+    """Return the work of the law of noise peaks of a scene's receiver, by its number, at some levels, V."""
     chunks, text, levels = [], as_toml(noise_scene(scene)), sorted(set(levels_v))
     for first in range(0, windows, WINDOWS_IN_CHUNK):
         given = {
@@ -108,8 +110,7 @@ def noise_chunks(scene: Scene, levels_v: Sequence[float], windows: int, seed: in
             "seed": seed,
             "first": first,
         }
-        span_v = scene.truth.adc_full_scale_v
-        name = f"noise, {scene.filter} filter, span {span_v:g} V, from window {first}"
+        name = f"noise, receiver {number}, {scene.filter} filter, from window {first}"
         chunks.append(Chunk(name, "procedures.range_chunks:noise_peaks", given))
     return chunks
 

@@ -111,11 +111,18 @@ def conditions(
 
 def noise_scene(scene: Scene) -> Scene:
     """Return a scene that has of another only what the law of its noise peaks depends on."""
+    unlike, usual = structs.replace(scene.electronics.interleave, skew_s=0.0), Scene().range_finder
+    finder = structs.replace(
+        scene.range_finder,
+        correlation_window_samples=usual.correlation_window_samples,
+        refinement_steps=usual.refinement_steps,
+    )
     plain = Scene(
         receiver=scene.receiver,
         gain_code=scene.gain_code,
         filter=scene.filter,
-        electronics=scene.electronics,
+        electronics=structs.replace(scene.electronics, interleave=unlike),
+        range_finder=finder,
         surface=SurfaceTable(kind="plane"),
         detector=structs.replace(Scene().detector, tia_bandwidth_hz=scene.detector.tia_bandwidth_hz),
     )

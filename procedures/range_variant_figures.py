@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from procedures.range_budget import OTHER_GROUND
+from procedures.range_constants import OTHER_GROUND
 from procedures.range_corrections import NAMES
 from procedures.range_scenes import LIGHTS, MEAN_REFLECTANCE
 
@@ -31,7 +31,7 @@ def tornado_figure(budget: Sequence[BudgetCell]) -> Figure:
     """Draw how each assumed constant moves error and false detection at a reflectance of 0.17."""
     here = [one for one in budget if one.cell.condition.reflectance == MEAN_REFLECTANCE]
     altitudes_m = sorted({one.cell.altitude_m for one in here})
-    figure = Figure(figsize=(14.0, 8.6), layout="constrained")
+    figure = Figure(figsize=(14.0, 15.5), layout="constrained")
     figure.set_label(
         "What each assumed constant does over its range, low end (light) and high end (dark), at a "
         "reflectance of 0.17 and slopes of 9 to 11 degrees: change of the rms range error (upper row) and of "

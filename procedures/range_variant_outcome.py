@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from belahil.outcome import Table
-from procedures.range_budget import OTHER_GROUND, PART, budget
+from procedures.range_budget import PART, budget
 from procedures.range_cells_told import cells_table, row_of
+from procedures.range_constants import OTHER_GROUND
 from procedures.range_corrections import corrections
 from procedures.range_scenes import MEAN_REFLECTANCE
 from procedures.range_table import cells
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     from procedures.range_table import Cell
 
     Part = tuple[Any, dict[str, Table], dict[str, Callable[[], Figure]]]
+
+
+NEXT_ALTITUDES_M = (800e3, 1400e3)
+"""Where constants are ranked: where false detections begin, and the highest of the table."""
 
 
 def corrected_part(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
@@ -50,7 +55,7 @@ def budget_part(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
     from procedures.range_variant_figures import tornado_figure
 
     made = budget(found.of(PART), laws)
-    told = {"cells": [_budget_row(one) for one in made]}
+    told = {"cells": [_budget_row(one) for one in made], "measure_next": _next(made)}
     ends = {
         name: np.array([one.interval(which) for one in made])
         for which, name in enumerate(("range_error", "pfd"))
@@ -69,7 +74,7 @@ def budget_part(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
 
 def _budget_row(one: BudgetCell) -> dict[str, Any]:
     constants = []
-    for shift in one.shifts:
+    for shift, error_share, pfd_share in zip(one.shifts, one.shares(0), one.shares(1), strict=True):
         constants.append(
             {
                 "constant": shift.constant.name,
@@ -77,7 +82,10 @@ def _budget_row(one: BudgetCell) -> dict[str, Any]:
                 "low": shift.constant.low,
                 "assumed": _finite(shift.constant.assumed),
                 "high": _finite(shift.constant.high),
+                "why": shift.constant.why,
                 "error_relative": [shift.low[0].as_json(), shift.high[0].as_json()],
+                "error_share": error_share,
+                "pfd_share": pfd_share,
                 "pfd_change": [shift.low[1].as_json(), shift.high[1].as_json()],
                 "error_derivative": shift.derivative(0).as_json() if _has_width(shift.constant) else None,
                 "pfd_derivative": shift.derivative(1).as_json() if _has_width(shift.constant) else None,
@@ -88,6 +96,27 @@ def _budget_row(one: BudgetCell) -> dict[str, Any]:
         "pfd_interval": list(one.interval(1)),
         "constants": constants,
     }
+
+
+def _next(made: tuple[BudgetCell, ...]) -> list[dict[str, Any]]:
+    """Constants by their part of the variance at the mean reflectance, those a laboratory should measure."""
+    found = []
+    for one in made:
+        altitude_m, condition = one.cell.altitude_m, one.cell.condition
+        if altitude_m not in NEXT_ALTITUDES_M or condition.reflectance != MEAN_REFLECTANCE:
+            continue
+        for which, number in enumerate(("error", "pfd")):
+            shares = zip(one.shares(which), (shift.constant.name for shift in one.shifts), strict=True)
+            ranked = sorted(shares, key=lambda pair: -pair[0])
+            found.append(
+                {
+                    "altitude_m": altitude_m,
+                    "light": condition.light,
+                    "of": number,
+                    "ranked": [{"constant": name, "share": share} for share, name in ranked],
+                }
+            )
+    return found
 
 
 def _finite(value: float) -> float | None:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from sim.terrain import Surface
 
 LEVELS = len(ROUGHNESS_M)
+HURST = 0.8
+"""Of the fractals (paper, "Analog DTMs")."""
 _SIDES_M = (EXTENT_M, 0.75 * EXTENT_M, 0.5 * EXTENT_M)
 """Of squares of a terrain model: the largest of which there is one without gaps."""
 _SHIFTS = 16
@@ -31,7 +33,7 @@ BASELINE_M = 65.0
 """At which a level is an RMS deviation."""
 
 
-def fractal(level: int, seed: int, extent_m: float = EXTENT_M) -> Surface:
+def fractal(level: int, seed: int, extent_m: float = EXTENT_M, hurst: float = HURST) -> Surface:
     """Make one of the eleven fractals, without a tilt of its own but what chance gives it.
 
     Parameters
@@ -42,8 +44,10 @@ def fractal(level: int, seed: int, extent_m: float = EXTENT_M) -> Surface:
         Of the eleven; each has one of its own.
     extent_m : float
         Side, m.
+    hurst : float
+        Hurst exponent.
     """
-    return monofractal(extent_m=extent_m, rms_deviation_m=ROUGHNESS_M[level], seed=seed + level)
+    return monofractal(extent_m=extent_m, hurst=hurst, rms_deviation_m=ROUGHNESS_M[level], seed=seed + level)
 
 
 def terrain_file(path: str) -> Surface:

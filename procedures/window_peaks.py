@@ -74,7 +74,7 @@ def piece_peaks(finder: RangeFinder, pieces: NDArray[np.float64], near: tuple[in
     count : int
         Peaks in each.
     """
-    bells, reach = finder.bank.templates, finder.bank.reach
+    bells, reach = finder.bank.lit_templates, finder.bank.tap_reach
     first, last = near
     part = pieces[:, first - reach : last + reach + 1].astype(np.float32)
     lags = last - first + 1

@@ -152,6 +152,11 @@ class TemplateBank:
         lit = np.flatnonzero(self.templates.any(axis=0))
         return int(max(self.reach - lit[0], lit[-1] - self.reach))
 
+    @cached_property
+    def lit_templates(self) -> NDArray[np.float32]:
+        """The templates as far as they have taps, shape (count, 2 tap_reach + 1)."""
+        return self.templates[:, self.reach - self.tap_reach : self.reach + self.tap_reach + 1]
+
 
 def _template(found: list[Stage], width: float) -> Stage | None:
     """Make a template from the widest earlier stage that few taps can widen, or from the samples."""

@@ -148,7 +148,7 @@ def test_places_have_the_slope_and_their_own_true_time(slopes: tuple[float, floa
 
 def test_a_slope_that_does_not_occur_is_refused_with_those_that_do() -> None:
     with pytest.raises(RefusedInput, match=r"10 to 10 deg"):
-        footprints(asdict(GroundKey("plane")), 8.0, (20.0, 22.0), 5, Draws(1, 0))
+        footprints(asdict(GroundKey("plane")), (8.0, 8.0), (20.0, 22.0), 5, Draws(1, 0))
 
 
 @pytest.mark.parametrize(("gradient", "sigma_m"), [((0.2, -0.1), 6.25), ((0.0, 0.5), 9.0)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,9 @@ from procedures.campaign_range import RangeOptions, plan
 from procedures.error_mixture import REACH_M, fit_mixture
 from procedures.noise_clusters import NoiseClusters
 from procedures.noise_colour import autocorrelation, unit_noise
-from procedures.range_budget import BASE, CONSTANTS, BudgetCell, Shift, budget_points
+from procedures.range_budget import BASE, BudgetCell, Shift, budget_points
 from procedures.range_chunks import correction
+from procedures.range_constants import CONSTANTS, OTHER_GROUND
 from procedures.range_corrections import NAMES, _corrected_m
 from procedures.range_parts import points
 from procedures.range_scenes import base_scene, text_dark_rms_v
@@ -28,6 +30,8 @@ from procedures.range_statistics import CellDraws, LinearSpread, fast_pfd, influ
 from procedures.range_table import Cell
 from procedures.range_variants import LADDER, bias_points, rung_scene
 from sim.detector import multiplication
+from sim.laser import beam_sigma_m
+from sim.rfm import RangeFinder
 
 SIGMAS = 4.5
 
@@ -87,12 +91,9 @@ def test_influences_add_up_to_the_uncertainties_of_a_cell() -> None:
     assert moved == pytest.approx(of_spread, abs=1e-12)
 
 
-def test_an_interval_joins_half_ranges_upwards_and_downwards() -> None:
-    def one(value: float) -> tuple[Estimate, Estimate]:
-        return Estimate(value, 0.0, "1"), Estimate(value, 0.0, "1")
-
+def some_cell() -> Cell:
     spread = LinearSpread(0.0, 0.0, 0.0, 0.0, 1.0)
-    cell = Cell(
+    return Cell(
         5e5,
         base_conditions()[0],
         Estimate(0.5, 0.01, "1"),
@@ -102,6 +103,13 @@ def test_an_interval_joins_half_ranges_upwards_and_downwards() -> None:
         None,
         spread,
     )
+
+
+def test_an_interval_joins_half_ranges_upwards_and_downwards() -> None:
+    def one(value: float) -> tuple[Estimate, Estimate]:
+        return Estimate(value, 0.0, "1"), Estimate(value, 0.0, "1")
+
+    cell = some_cell()
     shifts = (Shift(CONSTANTS[0], one(-0.1), one(0.3)), Shift(CONSTANTS[1], one(0.4), one(0.2)))
     budget = BudgetCell(cell, shifts)
     up, down = 2 * math.sqrt((0.3**2 + 0.4**2) / 3), 2 * math.sqrt(0.1**2 / 3)
@@ -125,7 +133,7 @@ def test_constants_change_what_they_name_and_the_dark_noise_follows() -> None:
         for end in ("low", "high"):
             value = getattr(one, end)
             label = f"500 km, {one.name}, {end}"
-            assert (label in every) is math.isfinite(value)
+            assert (label in every) is (value != one.assumed)
             if label not in every:
                 continue
             point = every[label]
@@ -134,7 +142,7 @@ def test_constants_change_what_they_name_and_the_dark_noise_follows() -> None:
                 base.ground,
                 base.conditions,
             )
-            assert changed is not (value == one.assumed)
+            assert changed
             assert (point.seed, point.tilt, point.echoes) == (base.seed, base.tilt, base.echoes)
             if one.dark_follows:
                 assert point.scene.noise.dark_rms_v == pytest.approx(text_dark_rms_v(point.scene))
@@ -148,11 +156,43 @@ def test_the_assumed_values_are_those_of_the_scene() -> None:
             assert one.ground(range_ground.GroundKey(), one.assumed) == range_ground.GroundKey()
             assert one.reflectances(one.assumed) == (0.08, 0.17, 0.30)
             for made, given in ((same.laser, scene.laser), (same.detector, scene.detector)):
-                for key in given.__struct_fields__:
+                # An ellipse of none is a round beam, and a gain by itself the one by Miller's equation.
+                for key in set(given.__struct_fields__) - {"beam", "ellipticity", "multiplication"}:
                     number = getattr(given, key)
                     expected = pytest.approx(number) if isinstance(number, float) else number
                     assert getattr(made, key) == expected
+            assert beam_sigma_m(same.laser, 1.0) == pytest.approx(beam_sigma_m(scene.laser, 1.0))
+            assert multiplication(same.detector) == pytest.approx(multiplication(scene.detector), rel=1e-3)
+            finders = [RangeFinder.of(made.receiver_spec, made.range_finder) for made in (same, scene)]
+            assert finders[0].bank.widths == pytest.approx(finders[1].bank.widths)
+            assert replace(finders[0], bank=finders[1].bank) == finders[1]
             assert same.truth == scene.truth
+
+
+def test_no_constant_is_at_both_ends_what_it_is() -> None:
+    for one in CONSTANTS:
+        if one.name != OTHER_GROUND:
+            assert one.low <= one.assumed <= one.high
+        assert one.low < one.high
+        assert one.why
+
+
+def test_shares_of_the_variance_are_those_of_the_interval() -> None:
+    def ends(low: float, high: float) -> list[tuple[Estimate, Estimate]]:
+        return [(Estimate(0.0, 0.0, "1"), Estimate(value, 0.0, "1")) for value in (low, high)]
+
+    moved = (ends(-0.1, 0.1), ends(0.2, 0.1), ends(0.0, 0.0))
+    shifts = tuple(Shift(one, *pair) for one, pair in zip(CONSTANTS, moved, strict=False))
+    whole = BudgetCell(some_cell(), shifts)
+    low, high = whole.interval(1)
+    variance = ((0.5 - low) / 2) ** 2 + ((high - 0.5) / 2) ** 2
+    # given constants one by one, their intervals make up the whole
+    for shift, share in zip(shifts, whole.shares(1), strict=True):
+        alone = BudgetCell(some_cell(), (shift,)).interval(1)
+        part = ((0.5 - alone[0]) / 2) ** 2 + ((alone[1] - 0.5) / 2) ** 2
+        assert share == pytest.approx(part / variance)
+    assert sum(whole.shares(1)) == pytest.approx(1.0)
+    assert whole.shares(0) == (0.0, 0.0, 0.0)
 
 
 # ---- ladder, bias, other ground
@@ -240,6 +280,14 @@ def test_all_parts_together_by_the_command(tmp_path: Path, monkeypatch: pytest.M
             monkeypatch.setattr(module, "ALTITUDES_M", (500e3, 1400e3))
     monkeypatch.setattr(range_variants, "BIAS_ALTITUDES_M", (1100e3,))
     monkeypatch.setattr(range_parts, "STUDY_ALTITUDES_M", (500e3,))
+    few = (
+        "effective R_f",
+        "reflectance of ice",
+        "extra pole of the amplifier",
+        "number of templates",
+        OTHER_GROUND,
+    )
+    monkeypatch.setattr(range_budget, "CONSTANTS", [one for one in CONSTANTS if one.name in few])
     out = tmp_path / "range"
     arguments = ["--parts", "altitude,budget,ladder,bias,columns", "--study-echoes", "6", "--repeats", "2"]
     grounds = (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes)

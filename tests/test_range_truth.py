@@ -152,7 +152,7 @@ def test_whole_shots_have_the_same_truth(monkeypatch: pytest.MonkeyPatch) -> Non
         for truth in TRUTHS
     }
     # given the same windows, their errors differ by what is true, and by nothing else
-    _, at = footprints(key, 6.25e-6 * 1e6, slopes, 6, Draws(1, 0))
+    _, at = footprints(key, (6.25, 6.25), slopes, 6, Draws(1, 0))
     for truth in ("centre", "plane"):
         times_s = getattr(at, f"true_by_{truth}_s") - at.true_by_light_s
         assert errors_m["light"] - errors_m[truth] == pytest.approx(HALF_LIGHT * times_s, abs=1e-6)
