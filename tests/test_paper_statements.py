@@ -32,6 +32,7 @@ SOURCES = {
     "Pulses and receiver": ("campaign-temperature",),
     "Energy": ("energy-calibration", "campaign-energy"),
     "Roughness": ("campaign-roughness",),
+    "Orbit": ("campaign-orbit",),
 }
 """Pages with the runs behind a part of this one."""
 VERDICTS = ("agrees", "open", "partly", "differs", "put in", "not comparable")
