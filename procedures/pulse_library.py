@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import structs
 
+from belahil.errors import RefusedInput
 from belahil.pulse_fit import gaussian_fit
 from sim.chain import Chain
 from sim.scene import Scene
@@ -193,11 +194,24 @@ def mean_fit(
         Samples round the peak that are fitted.
     interval_s : float
         Between samples, s.
+
+    Raises
+    ------
+    RefusedInput
+        The curve ends too near to its peak.
     """
     found = np.empty((steps, 3))
     middle = int(np.argmax(curve))
+    begin = middle - (window // 2) * steps
+    if begin < 0 or begin + window * steps > curve.size:
+        place_ns, whole_ns = (1e9 * one * interval_s / steps for one in (middle, curve.size))
+        raise RefusedInput(
+            f"a pulse with its peak {place_ns:.0f} ns after the beginning of the {whole_ns:.0f} ns that are "
+            f"computed has no {window} samples round it there; a gentler slope, a lower altitude or a beam "
+            "nearer to nadir is needed"
+        )
     for phase in range(steps):
-        first = middle - (window // 2) * steps + phase
+        first = begin + phase
         fit = gaussian_fit(curve[first : first + window * steps : steps], interval_s)
         assert fit.pulse is not None  # a pulse with its peak in the middle has one
         pulse = fit.pulse

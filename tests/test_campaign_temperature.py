@@ -25,6 +25,7 @@ from procedures.campaign_temperature import (
     wrong_library,
 )
 from procedures.campaign_temperature_outcome import LIGHT_M_PER_S, aligned, change, gathered, peak_of
+from procedures.pulse_library import mean_fit
 from sim.laser import Laser
 from sim.presets import THERMAL, ThermalSet, laser_preset
 from sim.scene import Scene, as_toml
@@ -160,6 +161,32 @@ def test_the_outcome_adds_up() -> None:
 def test_an_option_outside_its_range_is_refused(given: dict[str, float]) -> None:
     with pytest.raises(RefusedInput):
         TemperatureOptions(**given)  # type: ignore[arg-type]
+
+
+def test_a_pulse_that_leaves_what_is_computed_is_refused_in_words(tmp_path: Path) -> None:
+    # given a slope so steep that the pointing of the hot set takes its pulse 128 ns away
+    scene = tmp_path / "high.toml"
+    scene.write_text("altitude_m = 1400e3\n")
+    chunks = plan(TemperatureOptions(scene=str(scene), slope_deg=70.0)).chunks
+    hot = next(one for one in chunks if one.name == "hot")
+
+    with pytest.raises(RefusedInput, match="no 42 samples round it there; a gentler slope"):
+        work(hot.work, hot.given)
+
+
+@pytest.mark.parametrize(("early", "late"), [(2, 0), (0, 2)])
+def test_a_fit_uses_the_last_sample_that_there_is(early: int, late: int) -> None:
+    # given a Gaussian with as many samples on either side as its window has, or some too few
+    steps, window, interval_s = 4, 12, 12.5e-9
+    place = np.arange(window * steps) - window // 2 * steps
+    curve = np.exp(-0.5 * (place / (2 * steps)) ** 2)
+
+    arrival_s, fwhm_s, _ = mean_fit(curve[: window * steps], 1, window * steps, interval_s)
+
+    assert arrival_s == pytest.approx(window // 2 * steps * interval_s, abs=1e-12)
+    assert fwhm_s == pytest.approx(2 * steps * math.sqrt(8 * math.log(2)) * interval_s, rel=1e-6)
+    with pytest.raises(RefusedInput):
+        mean_fit(curve[early : curve.size - late], 1, window * steps, interval_s)
 
 
 def test_the_command_keeps_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
