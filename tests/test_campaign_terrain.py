@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from belahil.cli.campaign_terrain import _lines
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from procedures.arrival_ground import ROUGHNESS_M
@@ -142,6 +143,23 @@ def test_tiles_cover_a_terrain(side_m: float, step: float, count: int) -> None:
 def test_an_area_that_cannot_be_read_is_refused(text: str) -> None:
     with pytest.raises(RefusedInput, match="NAME=X,Y,SIDE"):
         TerrainOptions(areas=(text,))
+
+
+def test_an_area_off_the_terrain_is_refused_with_both_places() -> None:
+    with pytest.raises(
+        RefusedInput, match=r"area far of 30 m about \(900, 5\) m holds 15 x 0 posts; the terrain"
+    ):
+        part_of(gappy(3), Area("far", 900.0, 5.0, 30.0))
+
+
+def test_an_area_too_small_for_a_baseline_is_told_in_words() -> None:
+    row = {"baseline_m": 16.0, "rms": {"value": 1.0, "standard_uncertainty": 0.1, "unit": "m"}}
+    whole = {"name": "whole", "deviations": [row], "hurst": None}
+    tiny = {"name": "tiny", "deviations": [], "hurst": None}
+
+    lines = _lines({"analog": whole | {"areas": [tiny]}, "models": None})
+
+    assert lines[1] == "tiny: too few posts for any baseline"
 
 
 def test_an_area_is_read() -> None:

@@ -69,6 +69,9 @@ def _lines(results: dict[str, Any]) -> list[str]:
     analog = results["analog"]
     lines = []
     for one in (analog, *analog["areas"]):
+        if not one["deviations"]:
+            lines.append(f"{one['name']}: too few posts for any baseline")
+            continue
         near = min(one["deviations"], key=lambda row: abs(row["baseline_m"] - 25.0))
         lines.append(
             f"{one['name']}: RMS deviation {one_text(near['rms'])} at {near['baseline_m']:g} m, "
