@@ -152,7 +152,7 @@ def costs() -> None:
     options = RangeOptions(("table",), shots=100)
     every = points(options)
     brute, draws = brute_chunks(options, SEED)[0], next(every).chunks()[0]
-    noise = levels_chunks(list(every), options, SEED)[0]
+    noise = levels_chunks(list(every), options.noise_windows, SEED)[0]
     with tempfile.TemporaryDirectory() as folder:
         store = ChunkStore(Path(folder))
 
