@@ -10,7 +10,7 @@ from belahil.outcome import Outcome, Table
 from procedures.echo_energy import INTEGRALS
 from procedures.energy_cells import CONVERSIONS, LEVELS, EnergyCell, energy_cells
 from procedures.energy_curves import cases, crossing, until_rare
-from procedures.energy_statements import ERROR, statements
+from procedures.energy_statements import ERROR, slope_ratios, statements
 from procedures.range_cells_told import circumstances, estimate_columns, json_or_none
 
 if TYPE_CHECKING:
@@ -50,6 +50,15 @@ def outcome(found: Collected, convert: Conversion) -> Outcome:
         "calibration": {name: _fit_told(fit) for name, fit in convert.fits.items()},
         "cells": [row_of(one) for one in cells],
         "reach": _reach(cells),
+        "slopes": [
+            {
+                "slope_deg": one.slope_deg,
+                "altitude_m": one.altitude_m,
+                "light": one.condition.light,
+                "by_10_deg": by_main.as_json(),
+            }
+            for by_main, one in slope_ratios(cells)
+        ],
         "statements": statements(cells),
     }
     return Outcome(

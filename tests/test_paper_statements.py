@@ -30,7 +30,7 @@ TEXT = (DOCS / "paper-statements.md").read_text(encoding="utf-8")
 SOURCES = {
     "Calibration of ranges": ("arrival-time", "tx-delay", "campaign-temperature"),
     "Pulses and receiver": ("campaign-temperature",),
-    "Energy": ("energy-calibration", "campaign-energy"),
+    "Energy": ("energy-calibration", "campaign-energy", "campaign-reflectance"),
     "Roughness": ("campaign-roughness",),
     "Orbit": ("campaign-orbit",),
 }

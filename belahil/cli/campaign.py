@@ -8,7 +8,15 @@ import click
 
 from belahil.cli.options import version_option
 
-CAMPAIGNS: tuple[str, ...] = ("energy", "orbit", "range", "roughness", "temperature", "terrain")
+CAMPAIGNS: tuple[str, ...] = (
+    "energy",
+    "orbit",
+    "range",
+    "reflectance",
+    "roughness",
+    "temperature",
+    "terrain",
+)
 
 
 class _Late(click.Group):

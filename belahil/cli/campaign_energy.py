@@ -43,25 +43,24 @@ def command(
 
 def _lines(results: dict[str, Any]) -> list[str]:
     from belahil.report.tables import one_text
+    from procedures.paper_statements import told
 
     lines = ["altitude  slope   light  reflectance  false, %   E_G error  mean error   E_CW error"]
     for one in results["cells"]:
         if one["sun"] != "mean" or one["slope_deg"] != 10.0 or one["altitude_m"] % 200e3:
             continue
-        told = []
+        numbers = []
         for integral, name in (("gaussian", "error"), ("gaussian", "mean_error"), ("window", "error")):
             found = one["errors"][integral].get("own")
-            told.append("" if found is None else f"{100 * found[name]['value']:.1f} %")
+            numbers.append("" if found is None else f"{100 * found[name]['value']:.1f} %")
         lines.append(
             f"{one['altitude_m'] / 1e3:5g} km  {one['slope_deg']:g} deg  {one['light']:5s}  "
             f"{one['reflectance']:11g}  {100 * one['pfd']['value']:8.2f}   "
-            f"{told[0]:9s}  {told[1]:11s}  {told[2]}"
+            f"{numbers[0]:9s}  {numbers[1]:11s}  {numbers[2]}"
         )
-    for one in results["statements"]:
-        lines.append(f"{one['holds']}: {one['statement']}")
     for one in results["reach"]:
         at = one["error"]["altitude"]
         if at is not None and (one["sun"], one["slope_deg"], one["integral"]) == ("mean", 10.0, "gaussian"):
             case = f"reflectance {one['reflectance']:g}, {one['light']}"
             lines.append(f"error of E_G reaches 30 % at {one_text(at)}: {case}")
-    return lines
+    return [*lines, *told(results["statements"])]
