@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from belahil.delay_curve import DelayCurve
     from procedures.local_draws import LocalDraws
     from procedures.pulse_library import Matches, PulseLibrary
+    from sim.converter import Quantizer
     from sim.rfm import RangeFinder
     from sim.scene import Scene
 
@@ -193,10 +194,10 @@ def footprints(
     curve, finder = correction(read), chain.range_finder
     at = _places(relief, row, column, light_m)
     drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws)
-    step_v = chain.receiver.quantizer.volts_per_count
+    quantizer = chain.receiver.quantizer
     example: dict[str, NDArray[Any]] = {}
     for first, second in np.ndindex(*shape[:2]):
-        windows = _windows(read, drawn, cases[second], reflectances[first], step_v)
+        windows = _windows(read, drawn, cases[second], reflectances[first], quantizer)
         centre, width = _detected(windows, drawn, finder, curve)
         cut = _cut(windows, drawn, np.where(width > 0, centre, drawn.middle), finder)
         matched = best_matches(library_of(scene), *cut)
@@ -218,13 +219,15 @@ def _with_nadir_at(relief: Grid, row: int, column: int) -> Grid:
 
 
 def _windows(
-    scene: Scene, drawn: LocalDraws, case: str, reflectance: float, step_v: float
+    scene: Scene, drawn: LocalDraws, case: str, reflectance: float, quantizer: Quantizer
 ) -> NDArray[np.float64]:
-    """Samples about the echoes; without noise also without rounding and without jitter."""
+    """Samples about the echoes; without noise also without a converter and without jitter."""
     if case == "free":
         return reflectance * drawn.still_v
     noise_v = noise_rms_v(scene, case, reflectance)
-    return np.asarray(np.rint(drawn.windows(reflectance, noise_v) / step_v) * step_v)
+    volts = drawn.windows(reflectance, noise_v)
+    counts = quantizer.counts(volts.reshape(-1))[0].reshape(volts.shape)
+    return (counts.astype(np.float64) - quantizer.zero_count) * quantizer.volts_per_count
 
 
 def noise_rms_v(scene: Scene, case: str, reflectance: float) -> float:

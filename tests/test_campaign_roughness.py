@@ -15,6 +15,7 @@ from msgspec import structs
 
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
+from procedures import roughness_chunks
 from procedures.campaign_roughness import ALTITUDES_M, FACTORS, TILTS_DEG, RoughnessOptions, plan
 from procedures.footprint_moments import disc, white_skewness
 from procedures.pulse_library import pulse_library
@@ -403,6 +404,19 @@ def test_white_ground_is_white_at_every_spacing_of_a_terrain_model(spacing_m: fl
 
     # then 1 % of it lie beyond 99 % of white noise, 5 standard errors of both samples
     assert beyond == pytest.approx(0.01, abs=5 * math.sqrt(0.01 / count + 0.01 / WHITE))
+
+
+def test_a_near_and_bright_echo_is_clipped_as_by_the_converter(monkeypatch: pytest.MonkeyPatch) -> None:
+    # given level ice from 100 km, whose pulse would reach 1.6 V at a converter of +-1 V, and a short library
+    scene, short = as_toml(base_scene(100e3)), pulse_library(base_scene(100e3), (0.0, 10.0), (0.0,))
+    monkeypatch.setattr(roughness_chunks, "library_of", lambda scene: short)
+    ground = flat_ground(0.0, posts=61)
+
+    found = footprints(scene, ground, 3, ["night"], [0.3], False, Draws(1, 0))
+
+    top_v = found["example_samples_v"].max()
+    assert top_v == pytest.approx(1.0, abs=2 * base_scene().truth.adc_full_scale_v / 2**12)
+    assert np.all(found["width_s"] > 23e-9)  # too wide, as a clipped pulse is; 21.7 ns without
 
 
 def test_a_block_without_a_whole_footprint_tells_nothing() -> None:
