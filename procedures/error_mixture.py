@@ -76,4 +76,20 @@ def fit_mixture(errors_m: NDArray[np.float64]) -> Mixture | None:
             break
     pfd = 1 - share * near.size / errors_m.size
     pfd_u = math.sqrt(max(pfd * (1 - pfd), 1 / errors_m.size) / errors_m.size)
-    return Mixture(Estimate(pfd, pfd_u, "1"), Estimate(width_m, width_m / math.sqrt(2 * total), "m"), mean_m)
+    width_u_m = _width_u_m(near, share, mean_m, width_m)
+    return Mixture(Estimate(pfd, pfd_u, "1"), Estimate(width_m, width_u_m, "m"), mean_m)
+
+
+def _width_u_m(near_m: NDArray[np.float64], share: float, mean_m: float, width_m: float) -> float:
+    """Standard uncertainty of the normal part's width, from the scatter of the errors' scores, m.
+
+    Which errors belong to it is not known: with few true detections that is most of it.
+    """
+    q = (near_m - mean_m) / width_m
+    with np.errstate(under="ignore"):
+        normal = np.exp(-0.5 * q**2) / (width_m * math.sqrt(2 * math.pi))
+    density = share * normal + (1 - share) / (2 * REACH_M)
+    true = share * normal / density
+    # Derivatives of the logarithm of the density by share, mean and logarithm of the width.
+    scores = np.stack([(normal - 1 / (2 * REACH_M)) / density, true * q / width_m, true * (q**2 - 1)])
+    return width_m * math.sqrt(float(np.linalg.pinv(scores @ scores.T)[2, 2]))
