@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from belahil.campaign_run import CampaignPlan
 from belahil.errors import RefusedInput
+from procedures.energy_parts import read_results, refuse_few
 from procedures.orbit_points import SLOPES_DEG, orbit_chunks
 from procedures.range_ground import GroundKey
-from procedures.range_points import collected
 from procedures.range_scenes import DISTANCES_AU, REFLECTANCES, base_scene
 from sim.orbit import Orbit
 from sim.scene import as_toml
@@ -25,7 +25,14 @@ LOWERED_KM = 200.0
 """To which the periapsis may fall in the extended mission (paper)."""
 LOWEST_KM, HIGHEST_KM = 150.0, 3000.0
 """Below, an echo of bright ground reaches the end of the converter's span; above, hardly anything is seen."""
-_LEAST = {"echoes": 1, "repeats": 1, "noise_windows": 20, "seed": 0, "ground_seed": 0}
+_LEAST = {
+    "echoes": 1,
+    "repeats": 1,
+    "noise_windows": 20,
+    "calibration_echoes": 1,
+    "seed": 0,
+    "ground_seed": 0,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +63,8 @@ class OrbitOptions:
         On each terrain at each altitude and slope; shots about each.
     noise_windows : int
         For the law of noise peaks.
+    calibration_echoes : int
+        Without noise, on each terrain at each altitude and slope: they calibrate the energy.
     seed, ground_seed : int
         Of all draws; of the fractals.
 
@@ -78,15 +87,12 @@ class OrbitOptions:
     echoes: int = 48
     repeats: int = 3
     noise_windows: int = 2000
+    calibration_echoes: int = 20
     seed: int = 1
     ground_seed: int = 100
 
     def __post_init__(self) -> None:
-        for name, least in _LEAST.items():
-            if getattr(self, name) < least:
-                raise RefusedInput(
-                    f"--{name.replace('_', '-')} {getattr(self, name)}: at least {least} is needed"
-                )
+        refuse_few(self, _LEAST)
         if self.sun not in DISTANCES_AU:
             raise RefusedInput(f"--sun {self.sun}: allowed are {', '.join(DISTANCES_AU)}")
         _within("rate-hz", (self.rate_hz,), 1e-3, 1e3)
@@ -145,7 +151,7 @@ def _within(name: str, values: tuple[float, ...], low: float, high: float) -> No
 
 
 def plan(options: OrbitOptions) -> CampaignPlan:
-    """Plan the chunks: echoes at each altitude and slope, and the law of noise peaks."""
+    """Plan the chunks: echoes at each altitude and slope, calibration, and the law of noise peaks."""
     return CampaignPlan(
         tuple(orbit_chunks(options)),
         as_toml(base_scene()),
@@ -162,4 +168,4 @@ def analyse(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outco
 
     # The first chunk follows the orbits, and its values are the options.
     options = convert(dict(plan.chunks[0].given), OrbitOptions)
-    return outcome(options, collected(replace(plan, chunks=plan.chunks[1:]), results[1:]))
+    return outcome(options, *read_results(replace(plan, chunks=plan.chunks[1:]), results[1:]))

@@ -10,7 +10,7 @@ from belahil.outcome import Outcome, Table
 from belahil.uncertainty import budget
 from belahil.values import Estimate
 from procedures.orbit_results import study
-from procedures.orbit_shares import LEVELS, LIGHTS, QUANTILES
+from procedures.orbit_shares import ENERGY, LEVELS, LIGHTS, QUANTILES
 from procedures.range_cells_told import cells_table, estimate_columns, json_or_none
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from belahil.outcome import BudgetLine
     from procedures.campaign_orbit import OrbitOptions
+    from procedures.echo_energy import Conversion
     from procedures.orbit_results import OrbitStudy, Row
     from procedures.orbit_shares import Told
     from procedures.range_points import Collected
@@ -41,9 +42,9 @@ NOTES = (
 )
 
 
-def outcome(options: OrbitOptions, found: Collected) -> Outcome:
+def outcome(options: OrbitOptions, found: Collected, convert: Conversion) -> Outcome:
     """Make the outcome of what the chunks gave."""
-    made, definitions = study(options, found), found.definitions.told()
+    made, definitions = study(options, found, convert), found.definitions.told()
     return Outcome(
         results={"definitions": definitions, **_results(made)},
         tables=_tables(made),
@@ -125,6 +126,7 @@ def _numbers(told: Told) -> dict[str, Any]:
     shares = {f"below_{100 * level:g}": one.as_json() for level, one in zip(LEVELS, told.below, strict=True)}
     errors = dict(zip(_ERROR_BELOW, told.error_below or (None,) * len(QUANTILES), strict=True))
     return shares | {
+        f"energy_below_{100 * ENERGY:g}": told.energy.as_json(),
         "good": told.good.as_json(),
         "error": json_or_none(told.error),
         **{name: json_or_none(one) for name, one in errors.items()},
@@ -173,13 +175,15 @@ def _budget(made: OrbitStudy) -> list[BudgetLine]:
 
 
 def _tables(made: OrbitStudy) -> dict[str, Table]:
-    rows = [one for _, ones in made.cells for one in ones]
-    slopes = np.radians([slope for slope, ones in made.cells for _ in ones])
+    rows = [one for _, ones, _ in made.cells for one in ones]
+    slopes = np.radians([slope for slope, ones, _ in made.cells for _ in ones])
+    energies = [one.error() for _, _, ones in made.cells for one in ones]
     table = cells_table(rows, "orbit_cell", "orbit_cell_")
     columns = {
         **table.columns,
         "orbit_cell_slope": (slopes, "rad", "slope of the planes under the footprints"),
     }
+    columns |= estimate_columns("orbit_cell_energy_error", energies, "1", "rms error of E_G of detections")
     names = list(made.orbits)
     return {
         "orbit_cell": Table(columns, "orbit_cell"),
@@ -218,6 +222,8 @@ def _share_table(rows: tuple[Row, ...], dimension: str, names: list[str]) -> Tab
         columns |= estimate_columns(
             f"{prefix}below_{100 * level:g}", [one.below[number] for one in told], "1", said
         )
+    said = f"part of the orbit's time with an error of E_G below {100 * ENERGY:g} %"
+    columns |= estimate_columns(f"{prefix}energy", [one.energy for one in told], "1", said)
     columns |= estimate_columns(
         f"{prefix}good", [one.good for one in told], "1", "part of all shots: good ranges"
     )

@@ -1,4 +1,4 @@
-"""Probability of false detection and range error as curves over altitude, with what chance makes of them.
+"""Probability of false detection and errors as curves over altitude, with what chance makes of them.
 
 Chance comes as copies of the curves: each echo's influence on every number is multiplied by a normal deviate
 of its own, the same at all altitudes and under any Sun, since the same draws served there; and so are the two
@@ -12,7 +12,7 @@ place.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,10 +28,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from belahil.values import Estimate
+    from procedures.energy_cells import EnergyCell
     from procedures.noise_clusters import LevelLaws
     from procedures.range_points import Drawn
     from procedures.range_table import Cell
     from sim.draws import Draws
+
+    BothCells = tuple[Cell, EnergyCell]
 
 COPIES = 48
 LEAST_PFD = 1e-4
@@ -52,8 +56,9 @@ class Nodes:
         Noise at the converter, growing: from night to noon.
     logit : ndarray of float64, shape (1 + copies, a, s)
         Of the probability of false detection; the first is the estimate.
-    log_error : ndarray of float64, shape (1 + copies, a, s)
-        Logarithm of the rms error of detections, m; where nothing is detected, of the nearest altitude.
+    log_error, log_energy : ndarray of float64, shape (1 + copies, a, s)
+        Logarithms of the rms range error of detections, m, and of the relative rms error of their energy E_G;
+        where nothing is detected, of the nearest altitude.
     known : ndarray of bool, shape (s,)
         Whether anything is detected at any altitude.
     """
@@ -62,12 +67,14 @@ class Nodes:
     level_v: NDArray[np.float64]
     logit: NDArray[np.float64]
     log_error: NDArray[np.float64]
+    log_energy: NDArray[np.float64]
     known: NDArray[np.bool_]
 
     @property
     def estimate(self) -> Nodes:
         """The estimate without its copies."""
-        return Nodes(self.altitude_m, self.level_v, self.logit[:1], self.log_error[:1], self.known)
+        every = {name: getattr(self, name)[:1] for name in ("logit", "log_error", "log_energy")}
+        return replace(self, **every)
 
 
 def logit(probability: ArrayLike) -> NDArray[np.float64]:
@@ -83,7 +90,7 @@ def probability(logits: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def nodes(
     points: Sequence[Drawn],
-    told: Sequence[Sequence[Cell]],
+    told: Sequence[Sequence[BothCells]],
     laws: Mapping[str, LevelLaws],
     reflectance: float,
     draws: Draws,
@@ -95,7 +102,7 @@ def nodes(
     points : sequence of Drawn
         By altitude, growing.
     told : sequence of sequence of Cell
-        Their cells.
+        Their cells, of range and of energy.
     laws : mapping of str to LevelLaws
         From `procedures.range_points.Collected.laws`.
     reflectance : float
@@ -111,14 +118,14 @@ def nodes(
         [_copies(one, row, cell_row[row], laws, chance) for row in rows]
         for one, cell_row in zip(points, told, strict=True)
     ]
-    false = np.stack([[pair[0] for pair in pairs] for pairs in every])
-    errors = np.stack([[pair[1] for pair in pairs] for pairs in every])
+    false, errors, energies = (np.stack([[one[n] for one in ones] for ones in every]) for n in range(3))
     known = np.isfinite(errors[:, :, 0])
     return Nodes(
         altitude_m=np.array([one.scene.altitude_m for one in points]),
         level_v=np.array([points[0].conditions[row].noise_rms_v for row in rows]),
         logit=logit(np.moveaxis(false, 2, 0)),
         log_error=np.moveaxis(_filled(errors, known), 2, 0),
+        log_energy=np.moveaxis(_filled(energies, np.isfinite(energies[:, :, 0])), 2, 0),
         known=np.asarray(known.any(axis=0)),
     )
 
@@ -126,11 +133,12 @@ def nodes(
 def _copies(
     drawn: Drawn,
     row: int,
-    cell: Cell,
+    both: BothCells,
     laws: Mapping[str, LevelLaws],
     chance: tuple[NDArray[np.float64], NDArray[np.float64]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Probability and logarithm of the error at one altitude and level: the estimate, and its copies."""
+) -> tuple[NDArray[np.float64], ...]:
+    """Probability and logarithms of both errors at one altitude and level: the estimate, and its copies."""
+    cell, energy = both
     law = laws[as_toml(noise_scene(drawn.scene))].at(drawn.conditions[row].noise_rms_v)
     draws = cell_draws(drawn, row, correction(drawn.scene), cell.bias.value)
     (_, of_error), (_, of_false) = influences(draws, law)
@@ -141,14 +149,26 @@ def _copies(
     b = law.correlation * a + np.sqrt(1 - law.correlation**2) * of_law[:, 1]
     moved = of_echoes @ of_false + by_a * law.a_u * a + by_b * law.b_u * b
     false = np.concatenate([[cell.pfd.value], cell.pfd.value + moved])
-    spread = cell.spread
-    if spread is None or not spread.value > 0:
-        return false, np.full(1 + COPIES, -np.inf)
-    size = float(np.sqrt(of_error @ of_error))
+    return false, _logarithms(cell.spread, of_error, of_echoes), _energies(energy, of_echoes)
+
+
+def _energies(cell: EnergyCell, of_echoes: NDArray[np.float64]) -> NDArray[np.float64]:
+    found = cell.errors.get(("gaussian", "own"))
+    if found is None:
+        return _logarithms(None, np.zeros(of_echoes.shape[1]), of_echoes)
+    return _logarithms(found.error.rms, found.error.by_echo, of_echoes)
+
+
+def _logarithms(
+    error: Estimate | None, influence: NDArray[np.float64], of_echoes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Logarithm of an error and its copies; minus infinity where there is none."""
+    if error is None or not error.value > 0:
+        return np.full(1 + COPIES, -np.inf)
+    size = float(np.sqrt(influence @ influence))
     # As large as the uncertainty of the error, which takes off what is known of chance.
-    scale = spread.standard_uncertainty / spread.value / size if size > 0 else 0.0
-    error = np.log(spread.value) + np.concatenate([[0.0], scale * (of_echoes @ of_error)])
-    return false, error
+    scale = error.standard_uncertainty / error.value / size if size > 0 else 0.0
+    return np.asarray(np.log(error.value) + np.concatenate([[0.0], scale * (of_echoes @ influence)]))
 
 
 def _filled(errors: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -7,13 +7,14 @@ the Sun's angle of incidence on level ground, and whatever is between is interpo
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from belahil.chunks import Chunk
-from procedures.range_points import Point, noise_chunks
+from procedures.energy_parts import Sampling, calibration_chunks, slope_point
+from procedures.range_points import noise_chunks
 from procedures.range_scenes import Condition, base_scene, conditions
 
 if TYPE_CHECKING:
@@ -22,12 +23,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from procedures.campaign_orbit import OrbitOptions
+    from procedures.range_points import Point
 
 SLOPES_DEG = (0.0, 10.0, 20.0, 30.0)
 SUN_PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Cosine of the Sun's angle of incidence, that is of the variance of its noise at noon: from night to day."""
-HALF_DEG = 1.0
-"""Footprints have their slope within so much."""
 TIMES = 361
 """Of an orbit that are told."""
 _NOISE_SEED = 0x6E6F0000
@@ -35,8 +35,9 @@ _LEVELS = 8
 
 
 def orbit_chunks(options: OrbitOptions) -> Iterator[Chunk]:
-    """Return the chunks of a campaign, the orbits first."""
+    """Return the chunks of a campaign, the orbits first, then what calibrates the energy."""
     yield Chunk("orbits", "procedures.orbit_points:orbit_times", asdict(options))
+    yield from calibration_chunks(options.calibration_echoes, options.seed, options.ground)
     every = tuple(orbit_points(options))
     levels_v = [one.noise_rms_v for one in every[0].conditions]
     between = np.geomspace(min(levels_v), max(levels_v), _LEVELS).tolist()
@@ -48,20 +49,10 @@ def orbit_chunks(options: OrbitOptions) -> Iterator[Chunk]:
 def orbit_points(options: OrbitOptions) -> Iterator[Point]:
     """Return the points by altitude and slope; one altitude's share what lies under its beam."""
     lit = sun_conditions(options.reflectances, options.sun)
+    how = Sampling(options.echoes, options.repeats, 1, options.seed, options.ground)
     for altitude_m in options.altitudes_m:
         for slope_deg in options.slopes_deg:
-            yield Point(
-                part="orbit",
-                label=f"{altitude_m / 1e3:g} km, {slope_deg:g} deg",
-                scene=base_scene(altitude_m),
-                conditions=lit,
-                echoes=options.echoes,
-                repeats=options.repeats,
-                sets=1,
-                seed=options.seed,
-                ground=replace(options.ground, tilt_deg=slope_deg),
-                slopes_deg=(max(0.0, slope_deg - HALF_DEG), slope_deg + HALF_DEG),
-            )
+            yield slope_point("orbit", altitude_m, slope_deg, lit, how)
 
 
 def sun_conditions(reflectances: tuple[float, ...], distance: str) -> tuple[Condition, ...]:

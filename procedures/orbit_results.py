@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from procedures.energy_cells import energy_cells
 from procedures.orbit_curves import nodes
 from procedures.orbit_shares import LEVELS, LIGHTS, Arc, Copies, crossing, numbers
 from procedures.range_table import cells
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from procedures.campaign_orbit import OrbitOptions
+    from procedures.echo_energy import Conversion
+    from procedures.energy_cells import EnergyCell
     from procedures.orbit_curves import Nodes
     from procedures.orbit_shares import Crossing, Told
     from procedures.range_points import Collected, Drawn
@@ -78,7 +81,7 @@ class OrbitStudy:
         As begun.
     orbits : mapping of str to Orbit
         By name, the nominal one first.
-    cells : tuple of (float, tuple of Cell)
+    cells : tuple of (float, tuple of Cell, tuple of EnergyCell)
         Nominal slope, deg, and the cells of each point.
     curves : mapping of (float, float) to Nodes
         By slope, deg, and reflectance.
@@ -94,7 +97,7 @@ class OrbitStudy:
 
     options: OrbitOptions
     orbits: Mapping[str, Orbit]
-    cells: tuple[tuple[float, tuple[Cell, ...]], ...]
+    cells: tuple[tuple[float, tuple[Cell, ...], tuple[EnergyCell, ...]], ...]
     curves: Mapping[tuple[float, float], Nodes]
     shares: tuple[Row, ...]
     limits: tuple[Row, ...]
@@ -124,13 +127,15 @@ class OrbitStudy:
         return min(slopes, key=lambda one: abs(one - 10.0)), min(shines, key=lambda one: abs(one - 0.17))
 
 
-def study(options: OrbitOptions, found: Collected) -> OrbitStudy:
+def study(options: OrbitOptions, found: Collected, convert: Conversion) -> OrbitStudy:
     """Reduce what the chunks gave."""
     laws, curves, every = found.laws(), {}, []
     for number, slope_deg in enumerate(options.slopes_deg):
         points = found.of("orbit")[number :: len(options.slopes_deg)]
-        told = [cells(one, laws) for one in points]
-        every += [(slope_deg, one) for one in told]
+        ranges = [cells(one, laws) for one in points]
+        energies = [energy_cells(one, laws, convert) for one in points]
+        told = [tuple(zip(*both, strict=True)) for both in zip(ranges, energies, strict=True)]
+        every += [(slope_deg, *both) for both in zip(ranges, energies, strict=True)]
         for reflectance in options.reflectances:
             curves[slope_deg, reflectance] = nodes(points, told, laws, reflectance, Draws(options.seed, 0))
     orbits = options.orbits()

@@ -29,6 +29,8 @@ LIGHTS = ("day", "night", "local time")
 LEVELS = (0.05, 0.50, 0.90)
 """Of the probability of false detection."""
 QUANTILES = (0.5, 0.9)
+ENERGY = 0.30
+"""Relative error of the energy E_G below which its share of time is told (paper)."""
 TIMES = 241
 """Of half a turn: the other half mirrors it."""
 _SUNS = 12
@@ -72,6 +74,8 @@ class Told:
     ----------
     below : tuple of Estimate
         Part of the orbit's time in which the probability of false detection is below each of `LEVELS`.
+    energy : Estimate
+        Part of the orbit's time in which the error of the energy E_G of detections is below `ENERGY`.
     good : Estimate
         Part of the orbit's shots that give a good range.
     error : Estimate or None
@@ -82,6 +86,7 @@ class Told:
     """
 
     below: tuple[Estimate, ...]
+    energy: Estimate
     good: Estimate
     error: Estimate | None
     error_below: tuple[Estimate, ...]
@@ -113,9 +118,16 @@ class Copies:
     def told(self) -> Told:
         """Return the numbers with their uncertainties."""
         count = len(LEVELS)
-        every = [self.estimate(n, "1" if n <= count else "m") for n in range(len(self.values))]
-        below, good, error, rest = tuple(every[:count]), every[count], every[count + 1], every[count + 2 :]
-        return Told(below, good, error, tuple(rest)) if self.ranges else Told(below, good, None, ())
+        every = [self.estimate(n, "1" if n < count + 2 else "m") for n in range(len(self.values))]
+        energy, good, error = every[count : count + 3]
+        some = self.ranges
+        return Told(
+            below=tuple(every[:count]),
+            energy=energy,
+            good=good,
+            error=error if some else None,
+            error_below=tuple(every[count + 3 :]) if some else (),
+        )
 
     def estimate(self, number: int, unit: str) -> Estimate:
         """Return one number."""
@@ -141,15 +153,16 @@ def numbers(arc: Arc, nodes: Nodes, light: str) -> Copies:
 def _numbers(arc: Arc, nodes: Nodes, light: str, straight: bool) -> NDArray[np.float64]:
     """Each number of `Told` for each copy."""
     at_m = arc.orbit.altitude_m(arc.mean_rad)
-    false = along(nodes.altitude_m, nodes.logit, at_m, straight)
-    errors = along(nodes.altitude_m, nodes.log_error, at_m, straight)
     weights, place, part = _lanes(arc, nodes, light)
-    false, errors = (_at_levels(one, place, part) for one in (false, errors))
-    below = [
-        # Weights leave a sum that rounds to a little more than all of it.
-        arc.share * np.minimum(share_below(false, float(logit(level))) @ weights, 1.0)
-        for level in LEVELS
-    ]
+    false, errors, energies = (
+        _at_levels(along(nodes.altitude_m, one, at_m, straight), place, part)
+        for one in (nodes.logit, nodes.log_error, nodes.log_energy)
+    )
+    levels = [*((false, float(logit(level))) for level in LEVELS), (energies, math.log(ENERGY))]
+    # Weights leave a sum that rounds to a little more than all of it.
+    below = [arc.share * np.minimum(share_below(one, level) @ weights, 1.0) for one, level in levels]
+    if not nodes.known.any():
+        below[-1] = np.zeros_like(below[-1])
     good = (1 - probability(false)) * (weights[:, None] * _trapezoid(TIMES))
     total = good.sum(axis=(1, 2))
     squares_m2 = (good * np.exp(2 * errors)).sum(axis=(1, 2)) / total

@@ -15,8 +15,10 @@ from msgspec import structs
 from belahil.chunks import work
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
-from procedures import range_ground
+from procedures import energy_parts, range_ground
 from procedures.campaign_orbit import DRIFTED, LOWERED, NOMINAL, OrbitOptions, plan
+from procedures.energy_cells import energy_cells
+from procedures.energy_parts import read_results
 from procedures.orbit_curves import COPIES, LEAST_PFD, Nodes, along, logit, nodes, probability
 from procedures.orbit_points import SUN_PARTS, sun_conditions, sun_level_v
 from procedures.orbit_shares import (
@@ -29,7 +31,6 @@ from procedures.orbit_shares import (
     sun_parts,
     weighted_quantiles,
 )
-from procedures.range_points import collected
 from procedures.range_scenes import DISTANCES_AU, base_scene, text_dark_rms_v
 from procedures.range_table import cells
 from sim.chain import Chain
@@ -54,6 +55,10 @@ def log_errors_at(altitude_m: np.ndarray) -> np.ndarray:
     return np.log(0.2) + np.asarray(altitude_m - 500e3) / 400e3
 
 
+def log_energies_at(altitude_m: np.ndarray) -> np.ndarray:
+    return np.log(0.1) + np.asarray(altitude_m - 500e3) / 300e3
+
+
 def made(middle_m: float = 1000e3, altitude_m: np.ndarray | None = None, scatter: float = 0.0) -> Nodes:
     """Curves as these, the logit of each copy moved as a whole."""
     at_m = np.arange(200e3, 1501e3, 50e3) if altitude_m is None else altitude_m
@@ -61,7 +66,8 @@ def made(middle_m: float = 1000e3, altitude_m: np.ndarray | None = None, scatter
     moved = scatter * np.random.default_rng(1).standard_normal(COPIES)
     every = curve + np.concatenate([[0.0], moved])[:, None, None]
     errors = np.broadcast_to(log_errors_at(at_m)[:, None], (1 + COPIES, *curve.shape))
-    return Nodes(at_m, LEVEL_V, every, errors, np.ones(LEVEL_V.size, dtype=bool))
+    energies = np.broadcast_to(log_energies_at(at_m)[:, None], (1 + COPIES, *curve.shape))
+    return Nodes(at_m, LEVEL_V, every, errors, energies, np.ones(LEVEL_V.size, dtype=bool))
 
 
 def whole(orbit: Orbit = ORBIT) -> Arc:
@@ -86,6 +92,8 @@ def test_shares_are_those_of_equal_times(light: str, top_m: float) -> None:
     for level, one in zip(LEVELS, told.below, strict=True):
         assert one.value == pytest.approx(np.mean(fired & (false < level)), abs=1e-4)
     assert one.unit == told.good.unit == "1"
+    precise = fired & (np.exp(log_energies_at(at_m)) < 0.3)
+    assert told.energy.value == pytest.approx(precise.mean(), abs=1e-4)
     good = np.where(fired, 1 - false, 0.0)
     assert told.good.value == pytest.approx(good.mean(), abs=1e-4)
     errors_m = np.exp(log_errors_at(at_m))
@@ -238,6 +246,7 @@ def test_without_detections_there_is_no_error() -> None:
 
     assert told.error is None
     assert told.error_below == ()
+    assert told.energy.value == 0
 
 
 def test_a_limit_below_the_orbit_leaves_nothing() -> None:
@@ -281,8 +290,10 @@ def test_the_noise_under_a_low_sun_is_that_of_its_chain(part: float, sun: str) -
 
 @pytest.fixture
 def two_terrains(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Two fractals in the place of eleven."""
+    """Two fractals in the place of eleven, and a calibration of the energy from few places."""
     monkeypatch.setattr(range_ground, "LEVELS", 2)
+    monkeypatch.setattr(energy_parts, "CALIBRATION_ALTITUDES_M", (400e3, 1200e3))
+    monkeypatch.setattr(energy_parts, "SLOPES_DEG", (0.0, 20.0))
     forget_grounds()
     yield
     forget_grounds()
@@ -309,9 +320,10 @@ def test_copies_scatter_as_the_uncertainties_say(two_terrains: None) -> None:
     assert options.altitudes_m == (800e3, 1000e3, 1400e3)
     whole_plan = plan(options)
     chunks = whole_plan.chunks[1:]
-    found = collected(replace(whole_plan, chunks=chunks), [work(one.work, one.given) for one in chunks])
+    results = [work(one.work, one.given) for one in chunks]
+    found, convert = read_results(replace(whole_plan, chunks=chunks), results)
     laws, points = found.laws(), found.of("orbit")
-    told = [cells(one, laws) for one in points]
+    told = [list(zip(cells(one, laws), energy_cells(one, laws, convert), strict=True)) for one in points]
 
     curves = nodes(points, told, laws, 0.17, Draws(1, 0))
 
@@ -319,7 +331,7 @@ def test_copies_scatter_as_the_uncertainties_say(two_terrains: None) -> None:
     # then copies have the spread that each cell has, to what 48 of them tell
     allowed = SIGMAS / math.sqrt(2 * (COPIES - 1))
     for at, row in enumerate(told):
-        for level, cell in enumerate(row):
+        for level, (cell, energy) in enumerate(row):
             false = probability(curves.logit[:, at, level])
             assert false[0] == pytest.approx(np.clip(cell.pfd.value, LEAST_PFD, 1 - LEAST_PFD), rel=1e-9)
             if 0.05 < cell.pfd.value < 0.95:
@@ -328,6 +340,11 @@ def test_copies_scatter_as_the_uncertainties_say(two_terrains: None) -> None:
             relative = cell.spread.standard_uncertainty / cell.spread.value
             assert curves.log_error[0, at, level] == pytest.approx(math.log(cell.spread.value))
             assert curves.log_error[1:, at, level].std() == pytest.approx(relative, rel=allowed)
+            error = energy.error()
+            assert error is not None
+            assert curves.log_energy[0, at, level] == pytest.approx(math.log(error.value))
+            relative = error.standard_uncertainty / error.value
+            assert curves.log_energy[1:, at, level].std() == pytest.approx(relative, rel=allowed)
     # and by day more is false than by night
     assert (np.diff(curves.logit[0, 1:, :], axis=1) > 0).all()
 
@@ -377,6 +394,7 @@ def test_the_command_tells_shares_and_goes_on(
 ) -> None:
     out = tmp_path / "orbit"
     small = "--step-km 500 --slopes-deg 10 --reflectances 0.17 --echoes 12 --repeats 2 --noise-windows 30"
+    small += " --calibration-echoes 10"
 
     assert main(["campaign", "orbit", "--out", str(out), "--workers", "1", *small.split()]) == 0
 
@@ -394,6 +412,7 @@ def test_the_command_tells_shares_and_goes_on(
         assert one["ranges"]["value"] == pytest.approx(
             one["good"]["value"] * 10 * Orbit(*(1e3 * x for x in SIZES[one["orbit"]])).period_s
         )
+    assert 0 < day["energy_below_30"]["value"] < night["energy_below_30"]["value"] <= 1
     limit = results["limits"][0]
     assert limit["time_share"] == pytest.approx(ORBIT.time_below(1050e3))
     assert results["limited"][0]["good"]["value"] < day["good"]["value"]

@@ -40,6 +40,7 @@ from belahil.cli.pulse_shape import Degrees
 @click.option("--echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain at each point; 48.")
 @click.option("--repeats", type=click.IntRange(min=1), metavar="N", help="Shots about each echo; 3.")
 @click.option("--noise-windows", type=click.IntRange(min=20), metavar="N", help="With noise only; 2000.")
+@click.option("--calibration-echoes", type=click.IntRange(min=1), metavar="N", help="Of the energy; 20.")
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of all draws; 1.")
 @click.option("--ground-seed", type=click.IntRange(min=0), metavar="N", help="Of the fractals; 100.")
 @campaign_options
