@@ -31,6 +31,8 @@ NOTES = (
     "Day is noon everywhere, night has no sunlight: whole orbits under either. Local time is the mean over a "
     "polar orbit whose plane has any angle to the Sun, each as likely; the noise of sunlight follows the "
     "cosine of the angle of incidence on level ground.",
+    "Energy: E_G, by the Gaussian that the range finder fits, with the errors of the energy campaign: rms "
+    "over detections, the mean that noise adds included.",
     "The orbit is an ellipse about the centre of Mercury, altitudes count from the mean radius of 2439.4 km, "
     "and the beam points to nadir.",
     "When the periapsis falls by the pull of the Sun, the period stays and the apoapsis rises by as much: "

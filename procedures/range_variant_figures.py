@@ -1,4 +1,4 @@
-"""Figures of the variants of the range campaign: budget, ladder, bias and temperature, corrections."""
+"""Figures of the variants of the range campaign: budget, ladder, bias, corrections, other ground."""
 
 from __future__ import annotations
 
@@ -86,7 +86,8 @@ def ladder_figure(cells: Sequence[tuple[str, Cell]]) -> Figure:
     figure = Figure(figsize=(11.5, 7.2), layout="constrained")
     figure.set_label(
         "From an earlier model to this one, reflectance 0.17, slopes of 9 to 11 degrees: rms range error "
-        "(upper row) and probability of false detection (lower row), by day and by night, for four altitudes."
+        "(upper row) and probability of false detection (lower row), by day and by night, by altitude. Bars: "
+        "two standard uncertainties."
     )
     grid = figure.subplots(2, 2, sharex=True, sharey="row")
     altitudes_m = sorted({one.altitude_m for _, one in cells})
@@ -98,10 +99,7 @@ def ladder_figure(cells: Sequence[tuple[str, Cell]]) -> Figure:
                 if (one.altitude_m, one.condition.light, one.condition.reflectance)
                 == (altitude_m, light, MEAN_REFLECTANCE)
             ]
-            x = [place for place, _ in here]
-            errors = [np.nan if one.spread is None else one.spread.value for _, one in here]
-            grid[0, column].plot(x, errors, "o-", color=colour, label=f"{altitude_m / 1e3:g} km")
-            grid[1, column].plot(x, [100 * one.pfd.value for _, one in here], "o-", color=colour)
+            _lines(grid[:, column], here, "o-", colour, f"{altitude_m / 1e3:g} km")
         grid[0, column].set_title(light, loc="left")
         grid[1, column].set_xticks(range(len(rungs)), rungs, rotation=25, ha="right", fontsize=8)
     grid[0, 0].set_ylabel("range error, m rms")
@@ -119,7 +117,7 @@ def bias_figure(cells: Sequence[tuple[float, float, Cell]]) -> Figure:
     figure.set_label(
         "Rms range error (upper row) and probability of false detection (lower row) at a reflectance of 0.17 "
         "against the photodiode's bias at 20 C, and against its temperature at 320 V; by day (solid) and by "
-        "night (dashed). The dark noise is held."
+        "night (dashed). The dark noise is held. Bars: two standard uncertainties."
     )
     grid = figure.subplots(2, 2, sharey="row")
     altitudes_m = sorted({one.altitude_m for _, _, one in cells})
@@ -127,22 +125,69 @@ def bias_figure(cells: Sequence[tuple[float, float, Cell]]) -> Figure:
         for colour, altitude_m in zip(_ALTITUDE_COLOURS, altitudes_m, strict=False):
             for light, style in (("day", "-"), ("night", "--")):
                 here = [
-                    (setting[axis], setting[2])
-                    for setting in sorted(cells, key=lambda one: one[:2])
-                    if setting[fixed] == value
-                    and (setting[2].altitude_m, setting[2].condition.light) == (altitude_m, light)
+                    ((bias_v, celsius)[axis], one)
+                    for bias_v, celsius, one in sorted(cells, key=lambda setting: setting[:2])
+                    if (bias_v, celsius)[fixed] == value
+                    and (one.altitude_m, one.condition.light) == (altitude_m, light)
                 ]
-                x = [place for place, _ in here]
-                errors = [np.nan if one.spread is None else one.spread.value for _, one in here]
-                label = f"{altitude_m / 1e3:g} km, {light}"
-                grid[0, column].plot(x, errors, style, marker=".", color=colour, label=label)
-                pfd = [100 * one.pfd.value for _, one in here]
-                grid[1, column].plot(x, pfd, style, marker=".", color=colour)
+                _lines(grid[:, column], here, f".{style}", colour, f"{altitude_m / 1e3:g} km, {light}")
     grid[1, 0].set_xlabel("bias, V")
     grid[1, 1].set_xlabel("temperature of the photodiode, C")
     grid[0, 0].set_ylabel("range error, m rms")
     grid[1, 0].set_ylabel("probability of false detection, %")
     figure.legend(*grid[0, 1].get_legend_handles_labels(), loc="outside right upper", frameon=False)
+    for axes in grid.flat:
+        axes.grid(alpha=0.25)
+    return figure
+
+
+def _lines(
+    axes: Sequence[Axes], here: Sequence[tuple[float, Cell]], style: str, colour: str, label: str
+) -> None:
+    """Draw errors in the first axes and false detections in the second, with their uncertainties."""
+    errors = [(place, one.spread) for place, one in here]
+    for one, ones, scale in (
+        (axes[0], [(place, value) for place, value in errors if value is not None], 1.0),
+        (axes[1], [(place, cell.pfd) for place, cell in here], 100.0),
+    ):
+        one.errorbar(
+            [place for place, _ in ones],
+            [scale * value.value for _, value in ones],
+            [2 * scale * value.standard_uncertainty for _, value in ones],
+            fmt=style,
+            color=colour,
+            capsize=2,
+            lw=1.4,
+            elinewidth=0.9,
+            label=label,
+        )
+
+
+def columns_figure(cells: Sequence[tuple[str, Cell]]) -> Figure:
+    """Draw error and probability of false detection over different ground against altitude."""
+    figure = Figure(figsize=(11.5, 7.2), layout="constrained")
+    figure.set_label(
+        "Rms range error (upper row) and probability of false detection (lower row) over other ground, with "
+        "slopes of 9 to 11 degrees, reflectance 0.17, by day and by night. Bars: two standard uncertainties."
+    )
+    grid = figure.subplots(2, 2, sharex=True, sharey="row")
+    grounds = list(dict.fromkeys(label for label, _ in cells))
+    for column, light in enumerate(LIGHTS):
+        for colour, ground in zip(_ALTITUDE_COLOURS, grounds, strict=False):
+            here = [
+                (one.altitude_m / 1e3, one)
+                for label, one in cells
+                if (label, one.condition.light, one.condition.distance, one.condition.reflectance)
+                == (ground, light, "mean", MEAN_REFLECTANCE)
+            ]
+            _lines(grid[:, column], sorted(here, key=lambda pair: pair[0]), "o-", colour, ground)
+        grid[0, column].set_title(light, loc="left")
+        grid[1, column].set_xlabel("altitude, km")
+    grid[0, 0].set_ylabel("range error, m rms")
+    grid[0, 0].set_yscale("log")
+    grid[0, 0].yaxis.set_major_formatter("{x:g}")
+    grid[1, 0].set_ylabel("probability of false detection, %")
+    grid[0, 0].legend(frameon=False)
     for axes in grid.flat:
         axes.grid(alpha=0.25)
     return figure

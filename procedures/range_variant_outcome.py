@@ -13,6 +13,7 @@ from procedures.range_constants import OTHER_GROUND
 from procedures.range_corrections import corrections
 from procedures.range_scenes import MEAN_REFLECTANCE
 from procedures.range_table import cells
+from procedures.range_variants import COLUMNS
 from sim.detector import multiplication
 
 if TYPE_CHECKING:
@@ -169,10 +170,14 @@ def bias_part(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
 
 
 def columns_part(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
-    """Tell the table's cells on other ground."""
+    """Tell the table's cells on other ground, and draw them beside the table's own where there are some."""
+    from procedures.range_variant_figures import columns_figure
+
     rows = _labelled(found, laws, "columns")
     told = [{"ground": label, **row_of(one)} for label, one in rows]
-    return told, {"column_cell": cells_table([one for _, one in rows], "column_cell", "column_")}, {}
+    table = cells_table([one for _, one in rows], "column_cell", "column_")
+    fractals = [(COLUMNS[0], one) for drawn in found.of("table") for one in cells(drawn, laws)]
+    return told, {"column_cell": table}, {"range-columns": lambda: columns_figure([*fractals, *rows])}
 
 
 def _labelled(found: Collected, laws: Mapping[str, LevelLaws], part: str) -> list[tuple[str, Cell]]:
