@@ -107,6 +107,10 @@ def sized(value: float, unit: str, digits: int = 6) -> str:
     return f"{rounded / 10.0**power:.{digits}g} {PREFIXES[power]}{unit}"
 
 
+_LEAST = 1e-20
+"""Of a number: an uncertainty below that is rounding of sums, a double holds 16 figures."""
+
+
 def written(value: float, standard_uncertainty: float, power: int = 0) -> str:
     """Write a result with its standard uncertainty in parentheses (7.2.2), to two figures of it (7.2.6).
 
@@ -125,7 +129,11 @@ def written(value: float, standard_uncertainty: float, power: int = 0) -> str:
     ('5.2(1.3)', '1230(320)', '5.19')
     >>> written(-1e-4, 0.064)
     '0.000(64)'
+    >>> written(2.3, 6e-119)  # as good as none
+    '2.3'
     """
+    if 0 < standard_uncertainty < _LEAST * abs(value):
+        standard_uncertainty = 0.0
     if not (math.isfinite(value) and math.isfinite(standard_uncertainty)) or standard_uncertainty <= 0:
         return f"{value / 10**power:.6g}" if standard_uncertainty == 0 else f"{value / 10**power:.6g}(?)"
     number, spread = (Decimal(repr(float(part))).scaleb(-power) for part in (value, standard_uncertainty))

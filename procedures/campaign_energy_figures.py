@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -71,7 +71,7 @@ def error_figure(cells: Sequence[EnergyCell]) -> Figure:
     for integral, width in _WIDTHS.items():
         lower.plot([], [], color="0.3", lw=width, label=_NAMES[integral])
     lower.legend(frameon=False, ncols=3, loc="lower right")
-    middle.legend(frameon=False, ncols=2, loc="lower right", title="reflectance, light")
+    _legend(middle, ncols=2, loc="lower right", title="reflectance, light")
     lower.set_xlabel("altitude, km")
     return figure
 
@@ -101,7 +101,7 @@ def _distributions(axes: Axes, cells: Sequence[EnergyCell]) -> None:
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     axes.set_ylim(-0.75, 2.0)
     axes.set_ylabel("error of the energy")
-    axes.legend(frameon=False, loc="upper left")
+    _legend(axes, loc="upper left")
     axes.grid(alpha=0.25)
 
 
@@ -125,7 +125,7 @@ def integral_figure(cells: Sequence[EnergyCell]) -> Figure:
     left.axhline(1.0, color="0.6", lw=0.8)
     left.set_title("(a) E_CW over E_G", loc="left")
     left.set_ylabel("ratio of rms errors")
-    left.legend(frameon=False, title="reflectance, light", ncols=2)
+    _legend(left, title="reflectance, light", ncols=2)
     left.set_ylim(0.0, 3.6)
     right.axhline(0.0, color="0.6", lw=0.8)
     right.set_title("(b) mean error of E_G", loc="left")
@@ -163,6 +163,12 @@ def _curve(
     wide = 2 * np.array([one.standard_uncertainty for _, one in curve])
     axes.plot(km, value, style, color=colour, lw=width, label=label or None)
     axes.fill_between(km, value - wide, value + wide, color=colour, alpha=0.2, lw=0)
+
+
+def _legend(axes: Axes, **options: Any) -> None:
+    """Add a legend, unless so little was detected that there is nothing to explain."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=False, **options)
 
 
 def _errors_axis(axes: Axes) -> None:

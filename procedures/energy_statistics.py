@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+FEWEST = 8
+"""Echoes, as many as their weights are worth: fewer do not tell how well they know anything."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Moments:
     """Of a weighted distribution of e independent echoes.
@@ -34,7 +38,7 @@ class Moments:
 
 
 def moments(errors: NDArray[np.float64], weights: NDArray[np.float64], echoes: int) -> Moments | None:
-    """Return the moments; None where fewer than two echoes have a weight.
+    """Return the moments; None where the weights are worth fewer than `FEWEST` echoes.
 
     Parameters
     ----------
@@ -43,10 +47,9 @@ def moments(errors: NDArray[np.float64], weights: NDArray[np.float64], echoes: i
     echoes : int
         How many are independent, e.
     """
-    by_echo = weights.reshape(echoes, -1).sum(axis=1)
-    total = float(by_echo.sum())
-    if np.count_nonzero(by_echo) < 2:
+    if worth(weights, echoes) < FEWEST:
         return None
+    total = float(weights.sum())
 
     def mean_of(values: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         mean = float((weights * values).sum()) / total
@@ -61,6 +64,14 @@ def moments(errors: NDArray[np.float64], weights: NDArray[np.float64], echoes: i
         _root(variance, of_variance),
         of_square / (2 * square) if square > 0 else np.zeros(echoes),
     )
+
+
+def worth(weights: NDArray[np.float64], echoes: int) -> float:
+    """Return how many echoes of equal weight some of different ones are worth (Kish's effective number)."""
+    by_echo = weights.reshape(echoes, -1).sum(axis=1)
+    with np.errstate(under="ignore"):
+        squares = float(by_echo @ by_echo)
+    return float(by_echo.sum()) ** 2 / squares if squares > 0 else 0.0
 
 
 def ratio(one: Moments, other: Moments) -> Estimate:

@@ -12,6 +12,7 @@ from belahil.values import Estimate
 from procedures.class_separation import Measured, shots_needed, wrong_share
 from procedures.energy_cells import energy_draws
 from procedures.energy_curves import MOST_PFD
+from procedures.energy_statistics import worth
 from procedures.range_scenes import LIGHTS, noise_scene
 from procedures.range_statistics import fast_pfd
 from procedures.reflectance_kinds import (
@@ -185,7 +186,7 @@ def _measured(
         jitter = (white_j / white_j.mean())[of_echo, None]
         kept = 1 + float((draws.plain["gaussian", "own"] - 1).mean())
         values = condition.reflectance * jitter * draws.ratio["gaussian", "own"] / kept
-        there = np.count_nonzero(weights.reshape(white_j.size, -1).sum(axis=1)) > 2 * GROUPS
+        there = worth(weights, white_j.size) >= 2 * GROUPS
         if there:
             measured[name] = Measured(values, weights)
         cells[name] = KindCell(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,13 @@ from scipy.special import ndtr
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from belahil.values import Estimate
-from procedures import campaign_reflectance, energy_parts, range_ground
+from procedures import campaign_reflectance, energy_parts, range_chunks, range_ground
 from procedures.campaign_reflectance import ReflectanceOptions, plan
 from procedures.class_separation import Measured, shots_needed, wrong_share
+from procedures.energy_cells import energy_draws
+from procedures.noise_clusters import LevelLaws, fit_clusters
+from procedures.range_points import Drawn
+from procedures.range_scenes import base_scene, conditions, noise_scene
 from procedures.reflectance_kinds import AGEING, CONTRASTS, KINDS, Contrast
 from procedures.reflectance_reach import ageing, highest, mixing, scale_known, shot_budget, statements
 from procedures.reflectance_results import (
@@ -28,6 +33,8 @@ from procedures.reflectance_results import (
     allowed_scale_u,
     crossovers_needed,
 )
+from sim.scene import as_toml
+from tests.test_campaign_energy import PLANE, plane_conversion, steady_scene, whole
 
 SIGMAS = 4.5
 """Standard errors within which chance stays, in all but some 1e-5 of cases."""
@@ -108,6 +115,39 @@ def test_groups_of_echoes_are_left_out_with_all_their_shots() -> None:
     left = Measured(values, np.ones((12, 2))).without(1, 2, 6)
     # six echoes of two shots each: the odd ones are gone
     assert np.array_equal(left.values, values[[0, 1, 4, 5, 8, 9]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("altitude_m", [700e3, 900e3])
+def test_kinds_are_confused_as_often_as_whole_shots_are(altitude_m: float) -> None:
+    # given dark ground and regolith by night, by the campaign's own way
+    pair = conditions(base_scene(), (0.08, 0.17))[2:]
+    levels_v = sorted({one.noise_rms_v for one in pair})
+    scene = steady_scene(altitude_m)
+    key = as_toml(noise_scene(scene))
+    peaks = range_chunks.noise_peaks(key, levels_v, 300, 98, 0)["score_v"]
+    law = LevelLaws(tuple(fit_clusters(row, level) for row, level in zip(peaks, levels_v, strict=True)))
+    made = range_chunks.echo_draws(
+        as_toml(scene), asdict(PLANE), (9.0, 11.0), [asdict(one) for one in pair], 600, 4, 5, 0
+    )
+    drawn = Drawn("reflectance", "10 deg", scene, (9.0, 11.0), pair, made)
+    fast = []
+    for row, one in enumerate(pair):
+        draws = energy_draws(drawn, row, plane_conversion())
+        values = one.reflectance * draws.ratio["gaussian", "own"]
+        fast.append(Measured(values, draws.hits.weights(law.at(one.noise_rms_v))))
+
+    # when whole shots are told as reflectances
+    brute = []
+    for one in pair:
+        values = one.reflectance * (1 + whole(PLANE, altitude_m, one, 1500, 6))
+        brute.append(Measured(values[:, None], np.ones((values.size, 1))))
+
+    # then both confuse as many, as far as the fewer of them tell
+    found, expected = wrong_share(*fast), wrong_share(*brute)
+    count = min(one.values.size for one in brute)
+    assert abs(found - expected) < SIGMAS * math.sqrt(2 * expected * (1 - expected) / count)
+    assert expected > 0.005
 
 
 # ---- what follows
