@@ -1,7 +1,8 @@
 """A large job in chunks: run by any executor, each result a file of its own, none lost, none computed twice.
 
 A chunk is a function's name and plain values, so that it can be sent anywhere, and its result depends on
-nothing else: not on the number of workers, not on their order.
+nothing else: not on the number of workers, not on their order. What many chunks need may be a chunk before
+them: `shared` reads it where it is within reach, and else works it out again, to the same bits.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ import json
 import zipfile
 from collections import Counter, deque
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +28,6 @@ from belahil.storage import replacing, storage_error
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from contextlib import AbstractContextManager
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -59,8 +62,18 @@ class Chunk:
         told = json.dumps([belahil_version(), self.work, dict(self.given)], sort_keys=True)
         return hashlib.sha256(told.encode()).hexdigest()[:32]
 
+    @property
+    def file_name(self) -> str:
+        """Of its result."""
+        return f"{self.key}.npz"
 
-def work(name: str, given: Mapping[str, Any], version: str | None = None) -> dict[str, NDArray[Any]]:
+
+_RESULTS: ContextVar[str | None] = ContextVar("folder of the results of the job", default=None)
+
+
+def work(
+    name: str, given: Mapping[str, Any], version: str | None = None, folder: str | None = None
+) -> dict[str, NDArray[Any]]:
     """Do the work of a chunk in this process.
 
     Parameters
@@ -69,6 +82,8 @@ def work(name: str, given: Mapping[str, Any], version: str | None = None) -> dic
         As `work` and `given` of `Chunk`.
     version : str or None
         Of belahil where the job was planned; None: this one.
+    folder : str or None
+        Of the results of the job, for `shared`; None: it works everything out.
 
     Raises
     ------
@@ -78,8 +93,45 @@ def work(name: str, given: Mapping[str, Any], version: str | None = None) -> dic
     if version not in (None, belahil_version()):
         raise WorkerLost(f"a worker has belahil {belahil_version()}; this job needs {version}")
     module, _, function = name.partition(":")
-    made: Arrays = getattr(importlib.import_module(module), function)(**given)
+    with results_of_job(folder):
+        made: Arrays = getattr(importlib.import_module(module), function)(**given)
     return {key: np.asarray(array) for key, array in made.items()}
+
+
+@contextmanager
+def results_of_job(folder: str | None) -> Iterator[None]:
+    """Within it, `shared` reads the results in a folder; None: it works everything out."""
+    before = _RESULTS.set(folder)
+    try:
+        yield
+    finally:
+        _RESULTS.reset(before)
+
+
+def shared(name: str, given: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return, within the work of a chunk, the result of another one.
+
+    Read from the results of the job, where they are on a disk of this machine and hold it; else worked out
+    here. So a job may have what many need as its first chunks, and depends on none of them.
+
+    Parameters
+    ----------
+    name, given
+        ``work`` and ``given`` of that `Chunk`.
+    """
+    folder, chunk = _RESULTS.get(), Chunk(name, name, given)
+    if folder is not None:
+        try:
+            return _read(Path(folder) / chunk.file_name)
+        except (OSError, ValueError, zipfile.BadZipFile):
+            pass
+    return work(name, given, folder=folder)
+
+
+def _read(path: Path) -> dict[str, NDArray[Any]]:
+    # Opened here: of a damaged file numpy would leave its own open.
+    with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
+        return dict(file)
 
 
 class ChunkStore:
@@ -104,7 +156,7 @@ class ChunkStore:
             raise storage_error(f"{folder}: cannot be made", error) from error
 
     def _path(self, chunk: Chunk) -> Path:
-        return self.folder / f"{chunk.key}.npz"
+        return self.folder / chunk.file_name
 
     def has(self, chunk: Chunk) -> bool:
         """Tell whether its result is there and can be read whole."""
@@ -137,8 +189,7 @@ class ChunkStore:
             It is not there, or damaged.
         """
         try:
-            with np.load(self._path(chunk), allow_pickle=False) as file:
-                return dict(file)
+            return _read(self._path(chunk))
         except (OSError, ValueError, zipfile.BadZipFile) as error:
             raise StorageError(f"chunk {chunk.name}: {self._path(chunk)} cannot be read ({error})") from error
 
@@ -228,12 +279,13 @@ class _Job:
     def __init__(self, pool: Executor, store: ChunkStore, waiting: deque[Chunk], in_flight: int) -> None:
         self.running: dict[Future[dict[str, NDArray[Any]]], Chunk] = {}
         self._pool, self._store, self._waiting, self._in_flight = pool, store, waiting, in_flight
+        self._folder = str(store.folder.resolve())
 
     def run(self, told: Callable[[int], None]) -> None:
         while self._waiting or self.running:
             while self._waiting and len(self.running) < self._in_flight:
                 chunk = self._waiting[0]
-                given = (chunk.work, dict(chunk.given), belahil_version())
+                given = (chunk.work, dict(chunk.given), belahil_version(), self._folder)
                 self.running[self._pool.submit(work, *given)] = chunk
                 self._waiting.popleft()
             done, _ = wait(self.running, return_when=FIRST_COMPLETED)

@@ -31,7 +31,7 @@ from belahil.chunks import Chunk, ChunkStore, run_chunks  # noqa: E402
 from belahil.executors import local_workers  # noqa: E402
 from procedures.campaign_range import RangeOptions  # noqa: E402
 from procedures.range_chunks import correction  # noqa: E402
-from procedures.range_parts import brute_chunks, levels_chunks, points  # noqa: E402
+from procedures.range_parts import brute_chunks, levels_chunks, points, shared_chunks  # noqa: E402
 from procedures.range_points import Collected, Drawn, collected  # noqa: E402
 from procedures.range_scenes import base_scene, conditions, noise_scene  # noqa: E402
 from procedures.range_table import Cell, cell_draws, cells  # noqa: E402
@@ -90,16 +90,19 @@ def main() -> None:
         replace(point, conditions=mean_only, shares=point.shares[: len(mean_only)])
         for point in points(options)
     ]
-    fast = levels_chunks(every, options.noise_windows, 1) + [
-        chunk for point in every for chunk in point.chunks()
-    ]
-    timed([fast[0], fast[-1], *brute_chunks(replace(options, shots=1), 2)[:2]])  # fills the compiler's cache
+    levels = levels_chunks(every, options.noise_windows, 1)
+    fast = shared_chunks(every) + levels + [chunk for point in every for chunk in point.chunks()]
+    one_of_each = [fast[0], fast[1], levels[0], fast[-1], *brute_chunks(replace(options, shots=1), 2)[:2]]
+    timed(one_of_each)  # fills the compiler's cache
     seconds, busy, found = timed(fast)
     begun = time.perf_counter()
     laws = found.laws()
     rows = [(drawn, row, cell) for drawn in found.points for row, cell in enumerate(cells(drawn, laws))]
     seconds += time.perf_counter() - begun
-    few, many = (timed(brute_chunks(replace(options, shots=one), 2)) for one in (_FEW, asked.shots))
+    whole = [
+        shared_chunks(every) + brute_chunks(replace(options, shots=one), 2) for one in (_FEW, asked.shots)
+    ]
+    few, many = map(timed, whole)
     counts = [sum(row.size for row in one.shots.values()) for _, _, one in (few, many)]
     print("altitude light reflectance   error m  u %   PFD %  u points   shots that whole ones need")
     total, worst = 0.0, [0.0, 0.0]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from belahil.campaign_run import CampaignPlan
 from belahil.errors import RefusedInput
 from procedures.range_ground import GroundKey
-from procedures.range_parts import PARTS, brute_chunks, levels_chunks, points
+from procedures.range_parts import PARTS, brute_chunks, levels_chunks, points, shared_chunks
 from procedures.range_points import collected
 from procedures.range_scenes import base_scene
 from procedures.range_truth import Definitions
@@ -99,7 +99,8 @@ class RangeOptions:
 def plan(options: RangeOptions) -> CampaignPlan:
     """Plan the chunks of all parts."""
     every = tuple(points(options))
-    chunks = levels_chunks(every, options.noise_windows, options.seed + _NOISE_SEED)
+    # The noise lies between the ground and those that need it: by then the ground is there.
+    chunks = shared_chunks(every) + levels_chunks(every, options.noise_windows, options.seed + _NOISE_SEED)
     for point in every:
         chunks += point.chunks()
     if options.shots and "table" in options.parts:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -122,25 +123,17 @@ def footprint_planes(
             f"{step:g} m apart with a margin of {margin_m:.4g} m: allowed are margins from "
             f"{reach * step:.4g} m on that leave a post"
         )
-    away = step * np.arange(-reach, reach + 1)
-    squares = away**2 + (away * (along_m / across_m))[:, None] ** 2
-    beam = np.where(squares <= (_REACH * along_m) ** 2, np.exp(-0.5 * squares / along_m**2), 0.0)
-    weights = beam if by_beam else (squares <= (EDGE * along_m) ** 2).astype(np.float64)
-    if np.count_nonzero(weights) < 9:
-        raise RefusedInput(f"a footprint of {wide_m:.3g} m rms on posts {step:g} m apart holds too few")
-    beam, weights = beam / beam.sum(), weights / weights.sum()
     inner = np.s_[margin : relief.values.shape[0] - margin, margin : relief.values.shape[1] - margin]
     part = relief.values[
         margin - reach : relief.values.shape[0] - margin + reach,
         margin - reach : relief.values.shape[1] - margin + reach,
     ]
     datum = float(part.mean())
-    light, flat, east, north, bent = _weighted(
-        part - datum, (beam, weights, weights * away, weights * away[:, None]), weights
-    )
-    spread = (float((weights * away**2).sum()), float((weights * away[:, None] ** 2).sum()))
-    along, across = east / spread[0], north / spread[1]
-    variance = bent - flat**2 - (spread[0] * along**2 + spread[1] * across**2)
+    kernels = _kernels(step, reach, (along_m, across_m), by_beam, part.shape)
+    light, flat, east, north, bent = kernels.sums(part - datum)
+    along_m2, across_m2 = kernels.spread_m2
+    along, across = east / along_m2, north / across_m2
+    variance = bent - flat**2 - (along_m2 * along**2 + across_m2 * across**2)
     return FootprintPlanes(
         margin,
         light + datum,
@@ -151,19 +144,60 @@ def footprint_planes(
     )
 
 
-def _weighted(
-    values: NDArray[np.float64], kernels: tuple[NDArray[np.float64], ...], of_squares: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
-    """Sums over a moving window with each kernel, and of the squares with the last one, by Fourier."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Kernels:
+    """Beam and disc as spectra, for sums over a moving window of a terrain of one shape.
+
+    Parameters
+    ----------
+    size : tuple of int
+        Of the transforms.
+    valid : tuple of slice
+        Of what comes back: windows within the terrain.
+    spectra : tuple of ndarray of complex128
+        Of the beam, of the weights, and of these times x and y, conjugate.
+    spread_m2 : tuple of float
+        Mean squares of x and of y by the weights, m^2.
+    """
+
+    size: tuple[int, ...]
+    valid: tuple[slice, ...]
+    spectra: tuple[NDArray[np.complex128], ...]
+    spread_m2: tuple[float, float]
+
+    def sums(self, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Sums with each kernel, and of the squares with the weights."""
+        from scipy import fft
+
+        plain, squared = fft.rfft2(values, self.size), fft.rfft2(values**2, self.size)
+        pairs = [(plain, one) for one in self.spectra] + [(squared, self.spectra[1])]
+        return [fft.irfft2(one * kernel, self.size)[self.valid] for one, kernel in pairs]
+
+
+@lru_cache(maxsize=1)
+def _kernels(
+    step_m: float, reach: int, sigma_m: tuple[float, float], by_beam: bool, shape: tuple[int, ...]
+) -> _Kernels:
+    """Return those of all terrains that differ by their heights alone."""
     from scipy import fft
 
-    size = [fft.next_fast_len(count, real=True) for count in values.shape]
-    held = kernels[0].shape[0]
-    valid = np.s_[: values.shape[0] - held + 1, : values.shape[1] - held + 1]
-
-    def spectrum(array: NDArray[np.float64]) -> NDArray[np.complex128]:
-        return np.asarray(fft.rfft2(array, size))
-
-    plain, squared = spectrum(values), spectrum(values**2)
-    pairs = [(plain, one) for one in kernels] + [(squared, of_squares)]
-    return [fft.irfft2(one * spectrum(kernel).conj(), size)[valid] for one, kernel in pairs]
+    along_m, across_m = sigma_m
+    away = step_m * np.arange(-reach, reach + 1)
+    squares = away**2 + (away * (along_m / across_m))[:, None] ** 2
+    beam = np.where(squares <= (_REACH * along_m) ** 2, np.exp(-0.5 * squares / along_m**2), 0.0)
+    weights = beam if by_beam else (squares <= (EDGE * along_m) ** 2).astype(np.float64)
+    if np.count_nonzero(weights) < 9:
+        raise RefusedInput(
+            f"a footprint of {max(sigma_m):.3g} m rms on posts {step_m:g} m apart holds too few"
+        )
+    beam, weights = beam / beam.sum(), weights / weights.sum()
+    size = tuple(fft.next_fast_len(count, real=True) for count in shape)
+    return _Kernels(
+        size,
+        tuple(slice(count - away.size + 1) for count in shape),
+        tuple(
+            fft.rfft2(kernel, size).conj()
+            for kernel in (beam, weights, weights * away, weights * away[:, None])
+        ),
+        (float((weights * away**2).sum()), float((weights * away[:, None] ** 2).sum())),
+    )

@@ -6,6 +6,7 @@ is that of the receiver alone. With the Gaussian filter of earlier models all no
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,7 +50,12 @@ def unit_noise(scene: Scene) -> UnitNoise:
     """Return a generator of noise of unit rms."""
     if scene.filter == "gaussian":
         return light_filter(scene).noise(interval_s(scene))
-    return SampledNoise(*own_poles(scene), interval_s(scene))
+    return _sampled(*own_poles(scene), interval_s(scene))
+
+
+@lru_cache(maxsize=4)
+def _sampled(poles: tuple[complex, ...], zeros: int, every_s: float) -> SampledNoise:
+    return SampledNoise(poles, zeros, every_s)
 
 
 def window_noise(unit: UnitNoise, seed: int, number: int, size: int) -> NDArray[np.float64]:

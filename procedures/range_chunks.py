@@ -5,6 +5,7 @@ Everything in and out is plain, so that a chunk can be computed anywhere; see `b
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import asdict
 from functools import lru_cache
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from msgspec import structs
 
+from belahil.chunks import Chunk, shared
 from belahil.delay_curve import DelayCurve
 from procedures.arrival_gradient import linear_errors
 from procedures.echo_energy import plain_pulses
@@ -47,13 +49,46 @@ TOLERANCE = 1e-3
 MIDDLE_WIDTH_S = 50e-9
 NOISE_PEAKS = 8
 """Largest of each window of noise that are kept."""
+_CURVE = "procedures.range_chunks:curve"
 _SHOTS_APART = 2**32
 """Between the numbers of the first shots of chunks, whatever their size: none shares the noise of another."""
 
 
-@lru_cache(maxsize=8)
-def _curve(poles: tuple[complex, ...], zeros: int, interval_s: float) -> DelayCurve:
-    return filter_delay_curve(poles, interval_s, zeros)
+def curve(poles: Sequence[Sequence[float]], zeros: int, interval_s: float) -> dict[str, NDArray[np.float64]]:
+    """Work out a delay curve, as the work of a chunk.
+
+    Parameters
+    ----------
+    poles : sequence of two floats
+        Real and imaginary parts, rad/s; with zeros and interval as `sim.filter_delay` takes them.
+    zeros, interval_s
+        As there.
+
+    Returns
+    -------
+    dict
+        ``coefficients_s`` and ``range_s`` of a `DelayCurve`.
+    """
+    found = filter_delay_curve([complex(*one) for one in poles], interval_s, zeros)
+    return {
+        "coefficients_s": np.array(found.coefficients_s),
+        "range_s": np.array([found.narrowest_s, found.widest_s]),
+    }
+
+
+def curve_chunk(scene: Scene) -> Chunk:
+    """Return the work of a scene's correction of arrivals."""
+    return Chunk("correction of arrivals", _CURVE, _curve_of(scene))
+
+
+def _curve_of(scene: Scene) -> dict[str, Any]:
+    own, zeros = own_poles(scene)
+    poles = (*tia_poles(scene.detector), *own)
+    return {
+        "poles": [[one.real, one.imag] for one in poles],
+        "zeros": zeros,
+        "interval_s": interval_s(scene),
+    }
 
 
 def correction(scene: Scene) -> DelayCurve:
@@ -61,8 +96,13 @@ def correction(scene: Scene) -> DelayCurve:
     if scene.filter == "gaussian":
         # It lies about 0 and delays nothing.
         return DelayCurve((0.0,))
-    own, zeros = own_poles(scene)
-    return _curve((*tia_poles(scene.detector), *own), zeros, interval_s(scene))
+    return _curve(json.dumps(_curve_of(scene)))
+
+
+@lru_cache(maxsize=8)
+def _curve(given: str) -> DelayCurve:
+    made = shared(_CURVE, json.loads(given))
+    return DelayCurve(tuple(made["coefficients_s"].tolist()), *made["range_s"].tolist())
 
 
 def _footprints(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from belahil.chunks import Chunk, shared
 from belahil.errors import RefusedInput
 from procedures.arrival_ground import EXTENT_M
 from procedures.footprint_planes import FootprintPlanes, footprint_planes
@@ -36,6 +37,7 @@ TURN_DEG = 36.0
 
 _MARGIN = 4.9
 """Standard deviations of the beam that no footprint lies nearer to an edge: room for the jitter."""
+_FRACTAL = "procedures.range_ground:fractal_heights"
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +156,28 @@ def flat_terrains(kind: str, seed: int, factor: float, hurst: float = HURST) -> 
         posts = round(EXTENT_M / SPACING_M) + 1
         return (Grid(np.zeros((posts, posts)), SPACING_M, 0.0, 0.0),)
     if kind == "fractal":
-        reliefs = [_relief(fractal(level, seed, hurst=hurst)) for level in range(LEVELS)]
+        made = [shared(_FRACTAL, _of_level(level, seed, hurst)) for level in range(LEVELS)]
+        reliefs = [Grid(one["height_m"], SPACING_M, 0.0, 0.0) for one in made]
     else:
         reliefs = list(gapless_squares(_relief(terrain_file(kind))))
     return tuple(Grid(factor * (one.values - one.values.mean()), one.spacing_m, 0.0, 0.0) for one in reliefs)
+
+
+def fractal_heights(level: int, seed: int, hurst: float) -> dict[str, NDArray[np.float64]]:
+    """Make one of the fractals, as the work of a chunk: ``height_m`` of shape (posts, posts)."""
+    return {"height_m": _relief(fractal(level, seed, hurst=hurst)).values}
+
+
+def fractal_chunks(seed: int, hurst: float) -> list[Chunk]:
+    """Return the work of the fractals: done first, `flat_terrains` finds them in reach."""
+    return [
+        Chunk(f"fractal {level} of seed {seed}, exponent {hurst:g}", _FRACTAL, _of_level(level, seed, hurst))
+        for level in range(LEVELS)
+    ]
+
+
+def _of_level(level: int, seed: int, hurst: float) -> dict[str, Any]:
+    return {"level": level, "seed": seed, "hurst": hurst}
 
 
 def _relief(surface: Surface) -> Grid:
@@ -194,26 +214,39 @@ def footprints(
         Fields of `GroundKey`.
     sigma_m : tuple of float
         Of the beam along x and along y, m.
-    slopes_deg, count, draws
+    slopes_deg
+        As in `serving`.
+    count, draws
         As in `places`.
     definitions : Definitions
         Of the true time, and of slope and roughness.
     """
     key = GroundKey(**given)
     ground = strips(key)
-    flat = _flat_planes(key.kind, key.seed, key.factor, key.hurst, sigma_m, definitions.by_beam)
-    return ground, places(ground, ground.planes(flat), slopes_deg, count, draws, definitions.truth)
+    every = _serving(ground, key, sigma_m, slopes_deg, definitions.by_beam, definitions.truth)
+    return ground, places(every, count, draws)
 
 
-def places(
+@lru_cache(maxsize=1)
+def _serving(
+    ground: Strips,
+    key: GroundKey,
+    sigma_m: tuple[float, float],
+    slopes_deg: tuple[float, float],
+    by_beam: bool,
+    truth: str,
+) -> tuple[Places, ...]:
+    flat = _flat_planes(key.kind, key.seed, key.factor, key.hurst, sigma_m, by_beam)
+    return serving(ground, ground.planes(flat), slopes_deg, truth)
+
+
+def serving(
     ground: Strips,
     planes: tuple[FootprintPlanes, ...],
     slopes_deg: tuple[float, float],
-    count: int,
-    draws: Draws,
     truth: str = "light",
-) -> Places:
-    """Draw places at which the plane has a slope, as many on each terrain.
+) -> tuple[Places, ...]:
+    """Return all places at which the plane has a slope, terrain by terrain.
 
     Parameters
     ----------
@@ -221,10 +254,6 @@ def places(
         The terrains, and what lies under the beam on them.
     slopes_deg : tuple of float
         Least and largest slope.
-    count : int
-        On each terrain; where fewer posts serve, some are taken more than once.
-    draws : Draws
-        "places".
     truth : str
         Key of `procedures.range_truth.TRUTHS`.
 
@@ -233,37 +262,56 @@ def places(
     RefusedInput
         The slope occurs on none; a terrain on which it does not occur is left out.
     """
-    stream = draws.stream("places")
     found, met = [], []
     for number, under in enumerate(planes):
-        slope = under.slope_deg
-        met += [slope.min(), slope.max()]
-        serving = np.flatnonzero((slope >= slopes_deg[0]) & (slope <= slopes_deg[1]))
-        if serving.size:
-            chosen = stream.choice(serving, count, replace=serving.size < count)
-            found.append(_places(ground, under, chosen, number, truth))
+        slope_deg = under.slope_deg
+        met += [slope_deg.min(), slope_deg.max()]
+        chosen = np.flatnonzero((slope_deg >= slopes_deg[0]) & (slope_deg <= slopes_deg[1]))
+        if chosen.size:
+            found.append(_at_posts(ground, under, chosen, number, truth))
     if not found:
         raise RefusedInput(
             f"slopes of {slopes_deg[0]:g} to {slopes_deg[1]:g} deg: the footprints on this ground have "
             f"{min(met):.3g} to {max(met):.3g} deg"
         )
-    columns = zip(*found, strict=True)
-    return Places(*(np.concatenate(column) for column in columns))
+    return tuple(found)
 
 
-def _places(
+def places(every: tuple[Places, ...], count: int, draws: Draws) -> Places:
+    """Draw places, as many on each terrain.
+
+    Parameters
+    ----------
+    every : tuple of Places
+        From `serving`.
+    count : int
+        On each terrain; where fewer posts serve, some are taken more than once.
+    draws : Draws
+        "places".
+    """
+    stream = draws.stream("places")
+    sizes = [one.strip.size for one in every]
+    chosen = [stream.choice(size, count, replace=size < count) for size in sizes]
+    both = list(zip(every, chosen, strict=True))
+    taken = {name: np.concatenate([getattr(one, name)[at] for one, at in both]) for name in Places.__slots__}
+    return Places(**taken)
+
+
+def _at_posts(
     ground: Strips, planes: FootprintPlanes, chosen: NDArray[np.int64], number: int, truth: str
-) -> tuple[NDArray[np.float64], ...]:
+) -> Places:
     row, column = np.unravel_index(chosen, planes.light_m.shape)
     x_m = ground.middles_m[number] + ground.away_m[column + planes.margin]
     y_m = ground.away_m[row + planes.margin]
     heights = {"light": planes.light_m, "centre": planes.centre_m, "plane": planes.plane_m}
     times_s = {key: -2 / SPEED_OF_LIGHT_M_PER_S * one.ravel()[chosen] for key, one in heights.items()}
-    return (
+    return Places(
         np.stack([x_m, y_m], axis=1),
         np.full(chosen.size, number),
         times_s[truth],
-        *times_s.values(),
+        times_s["light"],
+        times_s["centre"],
+        times_s["plane"],
         planes.slope_deg.ravel()[chosen],
         planes.roughness_m.ravel()[chosen],
     )

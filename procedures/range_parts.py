@@ -11,6 +11,8 @@ from msgspec import structs
 
 from belahil.chunks import Chunk
 from procedures.range_budget import budget_points
+from procedures.range_chunks import curve_chunk
+from procedures.range_ground import fractal_chunks
 from procedures.range_points import Point, noise_chunks
 from procedures.range_scenes import (
     ALTITUDES_M,
@@ -86,6 +88,18 @@ def points(options: RangeOptions) -> Iterator[Point]:
         if part in options.parts:
             for point in made[part](options, options.seed + _SETS_APART * number):
                 yield replace(point, definitions=options.definitions)
+
+
+def shared_chunks(every: Sequence[Point]) -> list[Chunk]:
+    """Return the work that many chunks of points share: made once, where all workers reach the results.
+
+    First comes the correction that most need, then the fractals. Corrections that few need are not in it.
+    """
+    grounds = [point.ground for point in every if point.ground.kind == "fractal"]
+    made = dict.fromkeys((ground.seed, ground.hurst) for ground in grounds)
+    scene = next((point.scene for point in every if point.scene.filter != "gaussian"), None)
+    curve = [] if scene is None else [curve_chunk(scene)]
+    return [*curve, *(chunk for one in made for chunk in fractal_chunks(*one))]
 
 
 def levels_chunks(every: Sequence[Point], windows: int, seed: int) -> list[Chunk]:

@@ -199,7 +199,7 @@ def collected(plan: CampaignPlan, results: Sequence[Results]) -> Collected:
                 noise.setdefault((given["scene"], level_v), []).append(rows)
         elif work == "echo_draws":
             echoes.setdefault(chunk.name.rpartition(_SET)[0], []).append((given, result))
-        else:
+        elif work == "whole_shots":
             shots.setdefault((given["scene"], Condition(**given["condition"])), []).append(result["error_m"])
     return Collected(
         tuple(drawn for name, parts in echoes.items() for drawn in _drawn(name, parts)),

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from sim.rfm import RangeFinder
 
-_NONE = -1
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Peaks:
@@ -61,7 +59,7 @@ def window_peaks(finder: RangeFinder, volts: NDArray[np.float64], count: int) ->
 
 
 def piece_peaks(finder: RangeFinder, pieces: NDArray[np.float64], near: tuple[int, int], count: int) -> Peaks:
-    """Search a stretch of lags in many pieces of windows of zero mean, as one product of matrices.
+    """Search a stretch of lags in many pieces of windows of zero mean.
 
     Parameters
     ----------
@@ -74,30 +72,7 @@ def piece_peaks(finder: RangeFinder, pieces: NDArray[np.float64], near: tuple[in
     count : int
         Peaks in each.
     """
-    bells, reach = finder.bank.lit_templates, finder.bank.tap_reach
-    first, last = near
-    part = pieces[:, first - reach : last + reach + 1].astype(np.float32)
-    lags = last - first + 1
-    # Each template at each lag: shape (samples, templates x lags).
-    at = np.arange(part.shape[1])[:, None, None] - np.arange(lags)
-    inside = (at >= 0) & (at <= 2 * reach)
-    columns = np.where(inside, bells[np.arange(len(bells))[:, None], np.where(inside, at, 0)], np.float32(0))
-    scores = (part @ columns.reshape(part.shape[1], -1)).reshape(len(part), len(bells), lags).max(axis=1)
-    return _picked(np.maximum(scores, 0.0), first, count, finder.exclusion_samples)
-
-
-def _picked(scores: NDArray[np.float32], first: int, count: int, exclusion: int) -> Peaks:
-    """Take the largest of each row, blank its neighbours, and again."""
-    rows, lags = np.arange(len(scores)), np.arange(scores.shape[1])
-    found = Peaks(np.full((len(scores), count), _NONE), np.zeros((len(scores), count)))
-    for k in range(count):
-        best = scores.argmax(axis=1)
-        height = scores[rows, best]
-        there = height > 0
-        found.lag[there, k] = first + best[there]
-        found.score[:, k] = height
-        scores[np.abs(lags - best[:, None]) <= exclusion] = 0.0
-    return found
+    return Peaks(*loops().find_in_pieces(pieces, near, finder.bank, count, finder.exclusion_samples))
 
 
 def refined(

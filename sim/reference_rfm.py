@@ -90,6 +90,45 @@ def find(
     return peaks(best_scores((samples - mean).astype(np.float32), bank), count, exclusion, floor)
 
 
+def find_in_pieces(
+    pieces: NDArray[np.float64], near: tuple[int, int], bank: TemplateBank, count: int, exclusion: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Search a stretch of lags in many pieces of windows, as one product of matrices.
+
+    Parameters
+    ----------
+    pieces : ndarray of float64, shape (n, m)
+        V, of zero mean.
+    near : tuple of int
+        First and last lag; the templates reach from there within the pieces.
+    bank, count, exclusion
+        As in `find`.
+
+    Returns
+    -------
+    lags : ndarray of int64, shape (n, count)
+        Best first; -1: there are no more peaks.
+    scores : ndarray of float64, shape (n, count)
+        At these lags, V; 0 without a peak.
+    """
+    (first, last), bells, reach = near, bank.lit_templates, bank.tap_reach
+    part = pieces[:, first - reach : last + reach + 1].astype(np.float32)
+    lags = np.arange(last - first + 1)
+    # Each template at each lag: shape (samples, templates, lags).
+    at = np.arange(part.shape[1])[:, None, None] - lags
+    inside = (at >= 0) & (at <= 2 * reach)
+    columns = np.where(inside, bells[np.arange(len(bells))[:, None], np.where(inside, at, 0)], np.float32(0))
+    scores = (part @ columns.reshape(part.shape[1], -1)).reshape(len(part), len(bells), -1).max(axis=1)
+    rows = np.arange(len(scores))
+    found, heights = np.full((len(scores), count), -1), np.zeros((len(scores), count))
+    for k in range(count):
+        best = scores.argmax(axis=1)
+        there = scores[rows, best] > 0
+        found[there, k], heights[there, k] = first + best[there], scores[rows, best][there]
+        scores[np.abs(lags - best[:, None]) <= exclusion] = 0.0
+    return found, heights
+
+
 def refine(
     samples: NDArray[np.float64],
     mean: float,

@@ -44,6 +44,17 @@ class Loops(Protocol):
         """As in `sim.reference_rfm`."""
         ...
 
+    def find_in_pieces(
+        self,
+        pieces: NDArray[np.float64],
+        near: tuple[int, int],
+        bank: TemplateBank,
+        count: int,
+        exclusion: int,
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """As in `sim.reference_rfm`."""
+        ...
+
     def refine(
         self,
         samples: NDArray[np.float64],

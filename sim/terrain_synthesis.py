@@ -169,12 +169,15 @@ class Torus:
 
     def cut_out(self, field: Array, amplitude: Array) -> Array:
         """Filter a field on the torus by an even amplitude, shape as `power`, and cut the square out."""
-        from scipy.fft import irfft2, rfft2
+        from scipy.fft import ifft, irfft, rfft2
 
-        spectrum = rfft2(field)
-        spectrum *= amplitude[_folded(self.posts)]
-        whole: Array = irfft2(spectrum, s=field.shape, overwrite_x=True)
-        return whole[: self.count, : self.count].copy()
+        spectrum, half = rfft2(field), self.posts // 2
+        spectrum[: half + 1] *= amplitude
+        spectrum[half + 1 :] *= amplitude[half - 1 : 0 : -1]
+        # Back along the columns first: of their rows only those of the square need to go back as well.
+        rows = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)[: self.count]
+        square: Array = irfft(rows, n=self.posts, axis=1, norm="forward")[:, : self.count]
+        return square * (1 / self.posts**2)
 
     def slope(self, stream: np.random.Generator) -> Array:
         """Draw the plane that stands for all relief longer than the torus; shape (count, count)."""

@@ -8,11 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
+from belahil.chunks import shared
 from belahil.errors import RefusedInput
 
 
 def noise(seed: int, count: int) -> dict[str, np.ndarray]:
     return {"values": np.random.Generator(np.random.Philox(key=seed)).standard_normal(count)}
+
+
+def sum_of_noise(seed: int, count: int) -> dict[str, np.ndarray]:
+    return {"sum": shared("tests.chunk_work:noise", {"seed": seed, "count": count})["values"].sum()}
 
 
 def slow(seed: int, seconds: float, count: int = 4) -> dict[str, np.ndarray]:

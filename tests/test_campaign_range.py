@@ -13,7 +13,7 @@ from msgspec import structs
 from scipy.stats import poisson
 
 from belahil.campaign_run import CampaignPlan
-from belahil.chunks import work
+from belahil.chunks import ChunkStore, ThisProcess, results_of_job, run_chunks, work
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from procedures import range_chunks, range_ground, range_parts
@@ -25,7 +25,16 @@ from procedures.local_draws import LocalDraws, local_draws
 from procedures.noise_clusters import LevelLaws, NoiseClusters, fit_clusters
 from procedures.noise_colour import autocorrelation
 from procedures.noise_tilt import MOST, UNTILTED, fitting_tilt, tilted_noise
-from procedures.range_ground import GroundKey, Places, Strips, described, flat_terrains, footprints, places
+from procedures.range_ground import (
+    GroundKey,
+    Places,
+    Strips,
+    described,
+    flat_terrains,
+    footprints,
+    places,
+    serving,
+)
 from procedures.range_histograms import EDGES, histogram, worth
 from procedures.range_points import Drawn, Point, collected
 from procedures.range_scenes import (
@@ -80,7 +89,7 @@ def strips(slope_deg: float = 10.0) -> Strips:
 
 def on(ground: Strips, sigma_m: float, slopes_deg: tuple[float, float], count: int, seed: int) -> Places:
     planes = ground.planes(described(ground.flats, sigma_m))
-    return places(ground, planes, slopes_deg, count, Draws(seed, 0))
+    return places(serving(ground, planes, slopes_deg), count, Draws(seed, 0))
 
 
 @lru_cache(maxsize=8)
@@ -559,7 +568,38 @@ def test_a_plan_has_every_cell_once_and_every_window_of_noise_once() -> None:
     assert sum(one.given["windows"] for one in noise_chunks) == 700
     shots = [one for one in chunks if one.work.endswith(":whole_shots")]
     assert len({(one.given["scene"], str(one.given["condition"])) for one in shots}) == len(shots) == 24
-    assert len(chunks) == len({one.key for one in chunks}) == 3 + 7 + 24
+    assert len(chunks) == len({one.key for one in chunks}) == 12 + 3 + 7 + 24
+    # and first what many of them need: the correction, and the ground
+    names = [one.work.partition(":")[2] for one in chunks]
+    assert names[:12] == ["curve"] + 11 * ["fractal_heights"]
+    assert names[12] == "noise_peaks"
+
+
+def test_ground_and_correction_made_before_are_not_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a job whose first chunks were a fractal and the correction, in another process for all we know
+    monkeypatch.setattr(range_ground, "LEVELS", 1)
+    scene, store = base_scene(), ChunkStore(tmp_path)
+    alone = flat_terrains.__wrapped__("fractal", 5, 1.0, 0.8), range_chunks.correction(scene)
+    run_chunks([range_chunks.curve_chunk(scene), *range_ground.fractal_chunks(5, 0.8)], store, ThisProcess, 1)
+    forget_grounds()
+    range_chunks._curve.cache_clear()
+
+    def never(*words: object) -> None:
+        raise AssertionError("made again")
+
+    monkeypatch.setattr(range_ground, "fractal", never)
+    monkeypatch.setattr(range_chunks, "filter_delay_curve", never)
+    # when a chunk of the job needs them, then it has them to the last bit, tilted and scaled as it likes
+    with results_of_job(str(tmp_path)):
+        (flat,) = flat_terrains("fractal", 5, 1.0)
+        (twice,) = flat_terrains("fractal", 5, 2.0)
+        read = range_chunks.correction(scene)
+    assert np.array_equal(flat.values, alone[0][0].values)
+    assert np.array_equal(twice.values, 2 * flat.values)
+    assert read == alone[1]
+    forget_grounds()
 
 
 @pytest.mark.parametrize("shots", [1, 499, 500, 501, 1700])

@@ -10,6 +10,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cluster import ENVIRONMENT, ROOT, free_port, scheduler
 
@@ -17,6 +18,7 @@ from belahil import chunks as subject
 from belahil.chunks import ATTEMPTS, Chunk, ChunkStore, ThisProcess, run_chunks
 from belahil.errors import RefusedInput, StorageError, WorkerLost
 from belahil.executors import cluster_workers, local_workers
+from tests import chunk_work
 
 NOISE = tuple(Chunk(f"noise {n}", "tests.chunk_work:noise", {"seed": n, "count": 100 + n}) for n in range(7))
 
@@ -64,6 +66,40 @@ def test_what_is_there_is_not_computed_again(store: ChunkStore) -> None:
     # when the job goes on, then the others and the damaged one are computed
     assert run_chunks(NOISE, store, ThisProcess, 1, lambda *at: seen.append(at)) == 5
     assert seen == [(2, 7), (3, 7), (4, 7), (5, 7), (6, 7), (7, 7)]
+
+
+@pytest.mark.parametrize("state", ["there", "absent", "damaged", "other folder"])
+def test_what_many_need_is_read_where_it_is_there_and_else_worked_out(
+    store: ChunkStore, expected: list[bytes], state: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a chunk that needs the result of another
+    needed, needs = NOISE[0], Chunk("sum", "tests.chunk_work:sum_of_noise", dict(NOISE[0].given))
+    made: list[int] = []
+    if state != "absent":
+        run_chunks([needed], store, ThisProcess, 1)
+    if state == "damaged":
+        file = store.folder / needed.file_name
+        file.write_bytes(file.read_bytes()[:-9])
+    if state == "other folder":
+        store = ChunkStore(store.folder / "another")
+    real = chunk_work.noise
+    monkeypatch.setattr(chunk_work, "noise", lambda seed, count: made.append(seed) or real(seed, count))
+    # when it is done, then it has the same bits, and what was there is not made again
+    run_chunks([needs], store, ThisProcess, 1)
+    assert store.get(needs)["sum"] == np.frombuffer(expected[0]).sum()
+    assert made == ([] if state == "there" else [0])
+
+
+def test_other_processes_read_what_is_there(store: ChunkStore) -> None:
+    # given a result that no work would give
+    store.put(NOISE[0], {"values": np.array([1.0, 2.0])})
+    needs = Chunk("sum", "tests.chunk_work:sum_of_noise", dict(NOISE[0].given))
+    workers = local_workers(2)
+    # when workers need it, then they have read it
+    run_chunks([needs], store, workers.open, workers.in_flight)
+    assert store.get(needs)["sum"] == 3.0
+    # and outside of a chunk's work nothing is read
+    assert subject.shared(NOISE[0].work, NOISE[0].given)["values"].size == 100
 
 
 def test_a_key_depends_on_all_that_is_given() -> None:

@@ -20,7 +20,7 @@ from procedures.campaign_range import RangeOptions, plan
 from procedures.echo_hits import HALF_LIGHT
 from procedures.footprint_planes import EDGE, footprint_planes
 from procedures.range_chunks import echo_draws, whole_shots
-from procedures.range_ground import GroundKey, Strips, described, footprints, places
+from procedures.range_ground import GroundKey, Strips, described, footprints, places, serving
 from procedures.range_scenes import Condition, base_scene
 from procedures.range_truth import TRUTHS, Definitions
 from sim.draws import Draws
@@ -94,7 +94,7 @@ def test_times_by_each_definition_are_those_of_a_direct_evaluation(
     sigma_m, ground = 6.25, Strips((relief(kind),), 10.0)
     planes = ground.planes(described(ground.flats, sigma_m, by_beam))
 
-    at = places(ground, planes, (0.0, 40.0), 5, Draws(3, 0), truth)
+    at = places(serving(ground, planes, (0.0, 40.0), truth), 5, Draws(3, 0))
 
     whole = ground.surface.relief
     assert isinstance(whole, Grid)

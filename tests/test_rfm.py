@@ -92,6 +92,44 @@ def test_compiled_and_plain_loops_find_the_same(count: int, interval_s: float) -
     )
 
 
+@pytest.mark.parametrize("interval_s", [12.5e-9, 5e-9])
+@pytest.mark.parametrize(("rows", "spare"), [(1, 0), (70, 0), (70, 9)])
+def test_compiled_and_plain_loops_find_the_same_in_pieces(interval_s: float, rows: int, spare: int) -> None:
+    pytest.importorskip("numba")
+    from sim import compiled_rfm
+
+    # given pieces of noise with a pulse, more than are searched together, and one without anything
+    bank = TemplateBank(interval_s)
+    near = (bank.reach + spare, bank.reach + spare + 60)
+    pieces = np.array([noisy_window(seed, near[1] + bank.reach + spare + 1) for seed in range(rows)])
+    pieces[:, near[0] + 28 : near[0] + 32] += np.linspace(0, 9, rows)[:, None]
+    pieces[-1] = 0.0
+    # when four peaks are looked for, then both find the same, to single precision
+    lags, scores = reference_rfm.find_in_pieces(pieces, near, bank, 4, 10)
+    found_lags, found_scores = compiled_rfm.find_in_pieces(pieces, near, bank, 4, 10)
+    np.testing.assert_array_equal(found_lags, lags)
+    np.testing.assert_allclose(found_scores, scores, rtol=1e-5, atol=2e-5)
+    assert (lags[-1] == -1).all()
+    assert (scores[-1] == 0).all()
+    # and a piece has the best scores of a search of it alone
+    for piece, best in zip(pieces, scores, strict=True):
+        alone = reference_rfm.best_scores(piece.astype(np.float32), bank)[near[0] : near[1] + 1]
+        assert best[0] == pytest.approx(alone.max(), abs=2e-5)
+
+
+@pytest.mark.parametrize("centre", [0.0, 0.49, 13.5, 20.3, 41.0])
+@pytest.mark.parametrize("width", [0.7, 1.4, 4.0, 19.0])
+def test_a_gaussian_from_neighbour_to_neighbour_is_that_of_its_formula(centre: float, width: float) -> None:
+    compiled_rfm = pytest.importorskip("sim.compiled_rfm")
+    scale, bell = np.sqrt(8 * np.log(2)) / width, np.empty(42)
+    compiled_rfm._bell(centre, scale, bell)
+    q = (np.arange(42) - centre) * scale
+    with np.errstate(under="ignore"):
+        expected = np.exp(-0.5 * q * q)
+    # 42 steps, each with the roundings of all steps before: 42^2 / 2 of them; below lies nothing
+    np.testing.assert_allclose(bell, expected, rtol=42**2 / 2 * 2.3e-16, atol=1e-300)
+
+
 def test_scores_are_the_correlations_with_every_template_at_every_lag() -> None:
     bank = TemplateBank(INTERVAL_S)
     samples = noisy_window(3, 500).astype(np.float32)
