@@ -26,7 +26,7 @@ from msgspec import structs
 
 from belahil.values import Estimate
 from procedures.range_chunks import correction
-from procedures.range_constants import CONSTANTS, Constant
+from procedures.range_constants import CONSTANTS, OTHER_GROUND, Constant
 from procedures.range_points import Point
 from procedures.range_scenes import (
     ALTITUDES_M,
@@ -156,9 +156,20 @@ class BudgetCell:
         return tuple(one / total if total else 0.0 for one in variances)
 
     def _variances(self, which: int) -> list[tuple[float, float]]:
-        """Of each constant upwards and downwards: a half range over sqrt(3), squared."""
-        ends = [(one.low[which].value, one.high[which].value) for one in self.shifts]
-        return [(max(*pair, 0.0) ** 2 / 3, min(*pair, 0.0) ** 2 / 3) for pair in ends]
+        """Of each constant upwards and downwards: a half range over sqrt(3), squared.
+
+        Other grounds have no range. Each differs from the assumed one by the chance of both: half of the mean
+        square is the variance of one, on either side.
+        """
+        found = []
+        for one in self.shifts:
+            ends = one.low[which].value, one.high[which].value
+            if one.constant.name == OTHER_GROUND:
+                chance = (ends[0] ** 2 + ends[1] ** 2) / 4
+                found.append((chance, chance))
+            else:
+                found.append((max(*ends, 0.0) ** 2 / 3, min(*ends, 0.0) ** 2 / 3))
+        return found
 
 
 def budget(points: tuple[Drawn, ...], laws: Mapping[str, LevelLaws]) -> tuple[BudgetCell, ...]:

@@ -193,6 +193,24 @@ def test_no_constant_is_at_both_ends_what_it_is() -> None:
         assert one.why
 
 
+def test_other_grounds_widen_an_interval_to_both_sides_by_what_one_ground_scatters() -> None:
+    # given many triples of grounds that have one scatter: the assumed one and two others
+    other = next(one for one in CONSTANTS if one.name == OTHER_GROUND)
+    grounds = np.random.default_rng(4).normal(0.0, 0.02, (4000, 3))
+
+    def ends(value: float) -> tuple[Estimate, Estimate]:
+        return Estimate(value, 0.0, "1"), Estimate(value, 0.0, "1")
+
+    widths = []
+    for assumed, low, high in grounds:
+        budget = BudgetCell(some_cell(), (Shift(other, ends(low - assumed), ends(high - assumed)),))
+        widths.append(np.array(budget.interval(1)) - 0.5)
+
+    # then the mean square of either half is that of two standard deviations, 5 standard errors
+    squares = np.mean(np.square(widths), axis=0)
+    assert squares == pytest.approx((2 * 0.02) ** 2, rel=0.1)
+
+
 def test_shares_of_the_variance_are_those_of_the_interval() -> None:
     def ends(low: float, high: float) -> list[tuple[Estimate, Estimate]]:
         return [(Estimate(0.0, 0.0, "1"), Estimate(value, 0.0, "1")) for value in (low, high)]
