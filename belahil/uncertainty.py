@@ -107,8 +107,8 @@ def sized(value: float, unit: str, digits: int = 6) -> str:
     return f"{rounded / 10.0**power:.{digits}g} {PREFIXES[power]}{unit}"
 
 
-_LEAST = 1e-20
-"""Of a number: an uncertainty below that is rounding of sums, a double holds 16 figures."""
+_LEAST = 1e-40
+"""Of a number: an uncertainty below that is the rounding of a sum, and would take forty figures to write."""
 
 
 def written(value: float, standard_uncertainty: float, power: int = 0) -> str:

@@ -144,7 +144,8 @@ def conversion(pulses: Sequence[PlainPulses], scene: Scene) -> Conversion:
     found = {name: fit for name, fit in fits.items() if fit is not None}
     if len(found) < len(INTEGRALS):
         raise RefusedInput(
-            f"an energy calibration from {points.fwhm_s.size} pulses of 20 to 110 ns: at least {_FEWEST} are needed"
+            f"an energy calibration from {points.fwhm_s.size} pulses of 20 to 110 ns: "
+            f"at least {_FEWEST} are needed"
         )
     return Conversion(found, factor)
 
