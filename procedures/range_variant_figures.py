@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from procedures.range_budget import BudgetCell
+    from procedures.range_budget import BudgetCell, Shift
     from procedures.range_corrections import Corrected
     from procedures.range_table import Cell
 
@@ -31,18 +31,20 @@ def tornado_figure(budget: Sequence[BudgetCell]) -> Figure:
     """Draw how each assumed constant moves error and false detection at a reflectance of 0.17."""
     here = [one for one in budget if one.cell.condition.reflectance == MEAN_REFLECTANCE]
     altitudes_m = sorted({one.cell.altitude_m for one in here})
-    figure = Figure(figsize=(14.0, 15.5), layout="constrained")
+    figure = Figure(figsize=(14.0, 15.0), layout="constrained")
     figure.set_label(
         "What each assumed constant does over its range, low end (light) and high end (dark), at a "
         "reflectance of 0.17 and slopes of 9 to 11 degrees: change of the rms range error (upper row) and of "
         "the probability of false detection (lower row), by day (orange, upper bar) and by night (blue). "
-        "Constants are sorted by what they do to the error by day at the highest altitude."
+        "Constants are sorted by what they do to the error by day at the highest altitude; those that do "
+        "nothing at this reflectance are left out."
     )
     last = next(
         one for one in here if one.cell.altitude_m == altitudes_m[-1] and one.cell.condition.light == "day"
     )
+    moving = [k for k in range(len(last.shifts)) if any(_moves(one.shifts[k]) for one in here)]
     order = sorted(
-        range(len(last.shifts)),
+        moving,
         key=lambda k: max(abs(last.shifts[k].low[0].value), abs(last.shifts[k].high[0].value)),
     )
     grid = figure.subplots(2, len(altitudes_m), sharey=True, squeeze=False)
@@ -65,10 +67,15 @@ def tornado_figure(budget: Sequence[BudgetCell]) -> Figure:
         labels.append(constant.name + ("" if constant.name == OTHER_GROUND else span))
     for axes in grid[:, 0]:
         axes.set_yticks(range(len(order)), labels, fontsize=7.5)
+        axes.set_ylim(-0.7, len(order) - 0.3)
     for axes in grid[1]:
         low, high = axes.get_xlim()
         axes.set_xlim(min(low, -_LEAST_POINTS), max(high, _LEAST_POINTS))
     return figure
+
+
+def _moves(shift: Shift) -> bool:
+    return any(one.value != 0.0 for one in (*shift.low, *shift.high))
 
 
 def _bars(axes: Axes, one: BudgetCell, order: list[int], which: int) -> None:

@@ -11,6 +11,7 @@ from belahil.outcome import Outcome, Table
 from belahil.values import Estimate
 from procedures.campaign_roughness import FACTORS, TILTS_DEG
 from procedures.range_scenes import REFLECTANCES
+from procedures.range_truth import Definitions
 from procedures.roughness_chunks import CASES
 from procedures.roughness_region import Region, Trial
 from procedures.roughness_results import LIMITS, RESIDUALS, RoughnessResults
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outcome:
     """Bring everything into the form that a run keeps."""
     found = RoughnessResults(plan, results)
+    planes = Definitions(by_beam=bool(plan.chunks[0].given["by_beam"])).told()["slope_and_roughness"]
+    definitions = {"slope_and_roughness": planes, **_DEFINITIONS}
     return Outcome(
         results={
             "footprints": {
@@ -47,7 +50,7 @@ def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outco
                 residual: {case: _trial(one) for case, one in by_case.items()}
                 for residual, by_case in found.trials.items()
             },
-            "definitions": _DEFINITIONS,
+            "definitions": definitions,
         },
         tables=_tables(found),
         figures={
@@ -57,13 +60,11 @@ def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outco
             "shape": lambda: _figure("shape_figure", found),
             "reach": lambda: _figure("reach_figure", found),
         },
-        notes=[*_DEFINITIONS.values(), *_NOTES, *_unseen(found)],
+        notes=[*definitions.values(), *_NOTES, *_unseen(found)],
     )
 
 
 _DEFINITIONS = {
-    "slope_and_roughness": "Slope and roughness: tilt of, and standard deviation about, the least-squares "
-    "plane over the 1/e^2 disc, every post alike, or by the beam where that was asked for.",
     "true_range": "True range: c/2 times the beam-weighted mean of the two-way time at nominal pointing.",
     "false_detection": "False detection: more than 10 m off with the candidate nearest to the truth. "
     "Footprints that were not detected are left out; larger peaks elsewhere in the window are not there.",

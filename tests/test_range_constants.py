@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from procedures.footprint_planes import EDGE, footprint_planes
 from procedures.local_draws import LocalDraws, alternating, local_draws, mismatched
 from procedures.noise_clusters import fit_clusters
 from procedures.range_chunks import correction, echo_draws, noise_peaks, whole_shots
+from procedures.range_constants import CONSTANTS, OTHER_GROUND
 from procedures.range_ground import GroundKey, footprints
 from procedures.range_points import Drawn
 from procedures.range_scenes import base_scene, conditions, noise_scene
@@ -179,3 +182,16 @@ def test_the_law_of_peaks_knows_the_range_finder_and_the_converters() -> None:
     assert found[0].mean() > usual.mean()
     assert (found[1] <= usual + 1e-12).all()
     assert found[2].mean() > usual.mean()
+
+
+def test_the_page_has_every_constant_with_its_range() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "campaign-range.md").read_text(encoding="utf-8")
+    for one in CONSTANTS:
+        row = next(line for line in page.splitlines() if line.startswith(f"| {one.name} |"))
+        assert one.why in row
+        if one.name != OTHER_GROUND:
+            low, assumed, high = (cell.strip() for cell in row.split("|")[2:5])
+            assert float(low) == one.low
+            # an end that is none is no number
+            assert (float(assumed) if math.isfinite(one.assumed) else math.inf) == one.assumed
+            assert (float(high) if math.isfinite(one.high) else math.inf) == one.high
