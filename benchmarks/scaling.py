@@ -1,29 +1,32 @@
 """The brute-force campaign on one and on two workers, beside a loop of pure arithmetic in as many processes.
 
-    python benchmarks/scaling.py                     # 5 repeats, some 8 minutes on an idle machine
+    python benchmarks/scaling.py                     # 5 repeats, some 3 minutes on an idle machine
     python benchmarks/scaling.py --memory            # largest memory of a worker against the number of shots
     python benchmarks/scaling.py --costs             # processor time of a shot by its stages, bytes on disk
 
 The whole shots of the range campaign run through the real engine: chunks to fresh processes, results to
-files. Everything is counted from the first chunk handed out to the last file: start of the processes,
-imports, the ground that each of them makes. Both numbers of workers are told in wall time, which other
-programs on the machine change, and in processor time of the busiest worker and of the process that hands out
-the chunks, one after the other, which they change little. The loop tells what the machine itself can give:
-two cores may share what they compute with. Repeats go in turn, and medians are told. Nothing asserts these
-figures.
+files. What a process does once (imports, ground, tables) is told apart from the pace; a campaign of any
+length takes the one and so many times the other, and both are put together for some lengths. Times are wall
+time, which other programs on the machine change, and processor time of the busiest worker and of the process
+that hands out the chunks, one after the other, which they change little. The loop runs in the same processes
+and tells what the machine itself can give: two cores may share what they compute with. Repeats go in turn,
+and medians are told. Nothing asserts these figures.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import os
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +41,7 @@ import numpy as np  # noqa: E402
 from reference_loop import SAMPLES, one_round  # noqa: E402
 
 from belahil.chunks import Chunk, ChunkStore, run_chunks, work  # noqa: E402
-from belahil.executors import Workers, _processes  # noqa: E402
+from belahil.executors import Workers  # noqa: E402
 from procedures.campaign_range import RangeOptions  # noqa: E402
 from procedures.range_parts import brute_chunks, levels_chunks, points  # noqa: E402
 
@@ -53,78 +56,87 @@ def one_cell_of_each_altitude(shots: int) -> list[Chunk]:
     return [chunk for chunk in chunks_of(shots) if "day, reflectance 0.17" in chunk.name]
 
 
-def children_cpu_s() -> list[float]:
-    """Processor time of each living child so far."""
-    import psutil
+class Crew:
+    """Fresh processes that stay, and what they have used."""
 
-    return [sum(one.cpu_times()[:2]) for one in psutil.Process().children()]
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"))
+        list(self.pool.map(rounds, [20] * 4 * count))
 
+    def used_s(self) -> dict[int, float]:
+        import psutil
 
-def campaign(shots: int, count: int) -> dict[str, float]:
-    """Compute on fresh processes; wall time, and processor time of the busiest and of all."""
-    chunks, workers = chunks_of(shots), Workers(count, lambda: _processes(count))
-    busy: list[float] = []
+        own = [psutil.Process(pid) for pid in self.pool._processes]
+        return {one.pid: sum(one.cpu_times()[:2]) for one in own}
 
-    def progress(done: int, total: int) -> None:
-        if done == total:
-            busy.extend(children_cpu_s())
-
-    with tempfile.TemporaryDirectory() as folder:
-        wall, own = time.perf_counter(), time.process_time()
-        run_chunks(chunks, ChunkStore(Path(folder)), workers.open, workers.in_flight, progress)
+    def timed(self, work: Callable[[], object]) -> dict[str, float]:
+        """Wall time, and processor time: of the busiest with ours, and of all."""
+        before, own, wall = self.used_s(), time.process_time(), time.perf_counter()
+        work()
         wall, own = time.perf_counter() - wall, time.process_time() - own
-    return {"wall_s": wall, "longest_s": max(busy) + own, "all_s": sum(busy) + own, "handing_out_s": own}
+        busy = [after - before[pid] for pid, after in self.used_s().items()]
+        return {"wall_s": wall, "busy_s": max(busy) + own, "all_s": sum(busy) + own}
+
+    def campaign(self, shots: int) -> dict[str, float]:
+        def work() -> None:
+            with tempfile.TemporaryDirectory() as folder:
+                store, workers = ChunkStore(Path(folder)), Workers(self.count, lambda: nullcontext(self.pool))
+                run_chunks(chunks_of(shots), store, workers.open, workers.in_flight)
+
+        return self.timed(work)
+
+    def loop(self, total: int) -> dict[str, float]:
+        return self.timed(lambda: list(self.pool.map(rounds, [total // self.count] * self.count)))
 
 
-def rounds(count: int) -> float:
+def rounds(count: int) -> None:
     angles = np.linspace(0.0, 1000.0, SAMPLES)
-    begun = time.process_time()
     for _ in range(count):
         one_round(angles)
-    return time.process_time() - begun
 
 
-def loop(total: int, count: int) -> dict[str, float]:
-    """The same number of rounds on so many processes that are there already."""
-    import multiprocessing
-
-    with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool:
-        list(pool.map(rounds, [200] * (4 * count)))
-        begun = time.perf_counter()
-        busy = list(pool.map(rounds, [total // count] * count))
-        return {"wall_s": time.perf_counter() - begun, "longest_s": max(busy), "all_s": sum(busy)}
+CLOCKS = {"wall_s": "wall time", "busy_s": "processor time"}
 
 
 def speedups(repeats: int, shots: int, total: int) -> dict[str, Any]:
-    chunks = len(chunks_of(shots))
-    print(f"{chunks} chunks of whole shots, {24 * 11 * shots} shots; {os.cpu_count()} cores", flush=True)
+    crews = Crew(1), Crew(2)
+    print(f"{len(chunks_of(shots))} chunks of whole shots, {24 * 11 * shots} shots; {os.cpu_count()} cores")
+    once = [crew.campaign(1) for crew in crews]
+    print(f"first time, 264 shots: {once[0]['busy_s']:.1f} s of processor time a worker", flush=True)
     runs: list[dict[str, Any]] = []
     for _ in range(repeats):
-        run: dict[str, Any] = {}
-        for count in (1, 2):
-            run[f"loop {count}"] = loop(total, count)
-            run[f"campaign {count}"] = campaign(shots, count)
+        run: dict[str, Any] = {f"loop {crew.count}": crew.loop(total) for crew in crews}
+        run |= {f"campaign {crew.count}": crew.campaign(shots) for crew in crews}
+        for clock in CLOCKS:
+            run[clock] = {
+                one: run[f"{one} 1"][clock] / run[f"{one} 2"][clock] for one in ("loop", "campaign")
+            }
+            run[clock]["ratio"] = run[clock]["campaign"] / run[clock]["loop"]
         runs.append(run)
-        for clock in ("wall_s", "longest_s"):
-            pure, ours = (run[f"{one} 1"][clock] / run[f"{one} 2"][clock] for one in ("loop", "campaign"))
-            run[clock] = {"loop": pure, "campaign": ours, "ratio": ours / pure}
         print(told(run), flush=True)
     median = {
-        clock: {
-            one: statistics.median(run[clock][one] for run in runs) for one in ("loop", "campaign", "ratio")
-        }
-        for clock in ("wall_s", "longest_s")
+        clock: {one: statistics.median(run[clock][one] for run in runs) for one in runs[0][clock]}
+        for clock in CLOCKS
     }
     print("median of each: " + told(median))
-    return {"shots": 24 * 11 * shots, "chunks": chunks, "runs": runs, "median": median}
+    start = statistics.mean(one["busy_s"] for one in once)
+    pace = statistics.median(run["campaign 1"]["busy_s"] for run in runs) / (24 * 11 * shots)
+    for number in (26_400, 105_600, 264_000, 1_100_000):
+        whole = start + pace * number
+        gained = whole / (start + pace * number / median["busy_s"]["campaign"])
+        print(
+            f"{number} shots with the start: {whole:.0f} s on one worker, speed-up {gained:.2f}, "
+            f"{gained / median['busy_s']['loop']:.3f} of the loop's"
+        )
+    return {"shots": 24 * 11 * shots, "once": once, "runs": runs, "median": median}
 
 
 def told(one: dict[str, Any]) -> str:
-    words = {"wall_s": "wall time", "longest_s": "processor time"}
     return "; ".join(
-        f"{words[clock]}: campaign {one[clock]['campaign']:.3f}, loop {one[clock]['loop']:.3f}, "
+        f"{words}: campaign {one[clock]['campaign']:.3f}, loop {one[clock]['loop']:.3f}, "
         f"ratio {one[clock]['ratio']:.3f}"
-        for clock in words
+        for clock, words in CLOCKS.items()
     )
 
 
@@ -187,9 +199,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument(
-        "--shots", type=int, default=200, help="on each of eleven terrains in each of 24 cells"
+        "--shots", type=int, default=100, help="on each of eleven terrains in each of 24 cells"
     )
-    parser.add_argument("--rounds", type=int, default=16000, help="of the loop, about 0.3 ms each")
+    parser.add_argument("--rounds", type=int, default=8000, help="of the loop, about 0.3 ms each")
     parser.add_argument("--json", type=Path, help="where all numbers go")
     parser.add_argument("--memory", action="store_true", help="memory of a worker in the place of times")
     parser.add_argument(
