@@ -28,7 +28,7 @@ from procedures.arrival_ground import grounds
 from procedures.arrival_points import FEWEST_WINDOWS
 from procedures.gaussian_pulses import earliest_centre_s
 from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
-from procedures.plans import Journal, PlannedShot, check_all, measure_all
+from procedures.plans import Journal, PlannedShot, check_all, measure_all, usual_code
 from sim.filter_delay import spread_widths_s
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from belahil.config import BenchConfig
     from belahil.generator_models import GeneratorModel
     from belahil.outcome import Outcome
-    from belahil.receiver import DigitizerSpec
     from belahil.recorded import RecordedWindows
     from belahil.values import Shot
 
@@ -52,8 +51,6 @@ REFERENCE_S = 60e-9
 PEAK_V = 0.1
 _HALF_USED = 0.5
 """Of what the converter can take: no pulse is higher where the user says nothing."""
-NOMINAL_CODE = 4
-"""Chosen for the least noise at the input (paper, appendix on the filter)."""
 _MOST_PER_SIDE = 500
 
 
@@ -182,7 +179,7 @@ def plan(bench: Bench, options: ArrivalOptions) -> ArrivalPlan:
     spec, model = bench.spec, bench.generator_model
     refuse_other(options.receiver, spec, "the receiver on the bench")
     known = options.receiver or preset_receiver(bench.config)
-    code = _code(spec, options.code)
+    code = usual_code(spec, options.code)
     peak_v = options.peak_v
     if peak_v is None:
         most_v = _HALF_USED * known.adc_full_scale_v / 2 / known.at(code).gain.value
@@ -249,16 +246,6 @@ def _load(options: ArrivalOptions) -> None:
     """Refuse terrain that cannot be read before anything is measured; made terrain can always be made."""
     if options.footprints and options.terrain is not None:
         next(iter(grounds(options.terrain, options.ground_seed)))
-
-
-def _code(spec: DigitizerSpec, wanted: int | None) -> int | None:
-    if spec.gain_codes is None:
-        if wanted is not None:
-            raise LimitExceeded(f"gain code {wanted}: this receiver has no gain codes")
-        return None
-    if wanted is not None:
-        return wanted
-    return NOMINAL_CODE if NOMINAL_CODE in spec.gain_codes else spec.gain_codes[0]
 
 
 def _trigger_s(config: BenchConfig) -> float:

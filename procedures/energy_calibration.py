@@ -13,8 +13,8 @@ scene; the noise of light; pulses on a slope of another pulse.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from belahil.errors import LimitExceeded, RefusedInput
 from belahil.outcome import Outcome
@@ -23,7 +23,7 @@ from belahil.stimuli import SampledPulse
 from belahil.values import Shot, WindowRequest
 from procedures.gaussian_pulses import gaussian_pulse
 from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
-from procedures.plans import Journal, PlannedShot, check_all, measure_all
+from procedures.plans import Journal, PlannedShot, RecordablePlan, check_all, measure_all, usual_code
 from procedures.pulse_place import first_sample
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ WIDTHS_S = (6e-9, 12e-9, 18e-9, 25e-9, 32e-9, 40e-9, 50e-9, 60e-9, 70e-9, 80e-9,
 """Full widths before the receiver's filter, behind which they are 20 to 100 ns."""
 PEAKS_V = (8e-3, 25e-3, 80e-3)
 SHOTS = 8
-GAIN_CODE = 4
 ALTITUDES_M = (400e3, 600e3, 800e3, 1000e3, 1200e3, 1400e3)
 FOOTPRINTS = 150
 
@@ -98,38 +97,8 @@ class EnergyOptions:
             )
 
 
-@dataclass(frozen=True, slots=True)
-class EnergyPlan:
-    """Every shot of a calibration, and what its analysis needs.
-
-    Parameters
-    ----------
-    planned : tuple of PlannedShot
-        Empty for recorded windows.
-    converters, bits : int
-        Interleaved converters, and their resolution.
-    options : EnergyOptions
-        As the user chose.
-    """
-
-    planned: tuple[PlannedShot, ...] = field(repr=False)
-    converters: int
-    bits: int
-    options: EnergyOptions
-
-    @property
-    def shots(self) -> tuple[PlannedShot, ...]:
-        """By width, then by height."""
-        return self.planned
-
-    def as_json(self) -> dict[str, Any]:
-        """Return what the shots follow from, as plain values, for the run's fingerprint."""
-        return {
-            "converters": self.converters,
-            "bits": self.bits,
-            "requests": [asdict(one.request) for one in self.planned],
-            "options": asdict(self.options),
-        }
+EnergyPlan = RecordablePlan[EnergyOptions]
+"""By width, then by height."""
 
 
 def plan(bench: Bench, options: EnergyOptions) -> EnergyPlan:
@@ -153,9 +122,7 @@ def plan(bench: Bench, options: EnergyOptions) -> EnergyPlan:
         raise LimitExceeded(
             f"the receiver's longest window has {spec.max_sample_count} samples: {_SAMPLES} are needed"
         )
-    code = options.gain_code
-    if code is None and spec.gain_codes is not None:
-        code = GAIN_CODE if GAIN_CODE in spec.gain_codes else spec.gain_codes[0]
+    code = usual_code(spec, options.gain_code)
     delay_s, begin_s = first_sample(bench.config)
     centre_s = begin_s + (_SAMPLES - _AFTER_SAMPLES) * spec.sample_interval_s
     planned: list[PlannedShot] = []

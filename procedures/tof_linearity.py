@@ -15,8 +15,8 @@ window; range walk by the shape of a pulse, which `belahil arrival-time` measure
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from belahil.uncertainty import sized
 from belahil.values import Shot, WindowRequest
 from procedures.gaussian_pulses import TrainPulse, earliest_centre_s, gaussian_train
 from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
-from procedures.plans import Journal, PlannedShot, check_all, measure_all
+from procedures.plans import Journal, PlannedShot, RecordablePlan, check_all, measure_all, usual_code
 from procedures.pulse_place import first_sample
 
 if TYPE_CHECKING:
@@ -43,7 +43,6 @@ WIDTHS_S = (8e-9, 20e-9, 40e-9, 80e-9)
 PEAKS_V = (10e-3, 30e-3, 90e-3)
 SEPARATIONS = 8
 SHOTS = 4
-GAIN_CODE = 4
 SHORTEST_S, LONGEST_S = 1e-6, 199e-6
 """From one pulse to the other."""
 
@@ -110,38 +109,8 @@ class TofOptions:
         return widths[len(widths) // 2], max(self.peaks_v)
 
 
-@dataclass(frozen=True, slots=True)
-class TofPlan:
-    """Every shot, and what the analysis needs.
-
-    Parameters
-    ----------
-    planned : tuple of PlannedShot
-        Empty for recorded windows.
-    converters, bits : int
-        Interleaved converters and their resolution.
-    options : TofOptions
-        As the user chose.
-    """
-
-    planned: tuple[PlannedShot, ...] = field(repr=False)
-    converters: int
-    bits: int
-    options: TofOptions
-
-    @property
-    def shots(self) -> tuple[PlannedShot, ...]:
-        """By the second pulse, then by distance."""
-        return self.planned
-
-    def as_json(self) -> dict[str, Any]:
-        """Return what the shots follow from, as plain values, for the run's fingerprint."""
-        return {
-            "converters": self.converters,
-            "bits": self.bits,
-            "requests": [asdict(one.request) for one in self.planned],
-            "options": asdict(self.options),
-        }
+TofPlan = RecordablePlan[TofOptions]
+"""By the second pulse, then by distance."""
 
 
 def plan(bench: Bench, options: TofOptions) -> TofPlan:
@@ -161,9 +130,7 @@ def plan(bench: Bench, options: TofOptions) -> TofPlan:
     refuse_other(options.receiver, spec, "the receiver on the bench")
     enough_hz = max(_FAST_HZ, 2 / min(options.widths_s))
     model = replace(model, max_arb_rate_hz=min(model.max_arb_rate_hz, enough_hz))
-    code = options.gain_code
-    if code is None and spec.gain_codes is not None:
-        code = GAIN_CODE if GAIN_CODE in spec.gain_codes else spec.gain_codes[0]
+    code = usual_code(spec, options.gain_code)
     delay_s, begin_s = first_sample(bench.config)
     interval_s = spec.sample_interval_s
     lead_s = max(0.5e-6, earliest_centre_s(max(options.widths_s), model))

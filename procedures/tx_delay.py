@@ -16,13 +16,13 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, get_args
 
-from belahil.errors import LimitExceeded, RefusedInput
+from belahil.errors import RefusedInput
 from belahil.outcome import Outcome
 from belahil.receiver import receiver_preset
 from belahil.stimuli import TransmittedPulse
 from belahil.values import Shot, WindowRequest
 from procedures.known_receiver import KnownReceiver, preset_receiver, refuse_other
-from procedures.plans import Journal, PlannedShot, check_all, measure_all
+from procedures.plans import Journal, PlannedShot, check_all, measure_all, usual_code
 from procedures.tx_definitions import DEFINITIONS, Definition
 from procedures.tx_likelihood import Baseline
 from procedures.tx_pulse import KnownPulse
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 SHOTS = 200
 SAMPLES = 160
 """2 microseconds at 80 MHz: the pulse, some 30 samples of noise before it, and room for its delay."""
-BEST_CODE = 4
-"""Gain code of a receiver that has it, where none is named: that of the least noise of BELA's GRM."""
 
 FWHM_S, TAIL_S = 5.4e-9, 3.0e-9
 """Assumed, as in ``[emulation.transmitter]``: no measurement of the pulse before the fibre is published."""
@@ -161,11 +159,7 @@ def plan(bench: Bench, options: TxDelayOptions) -> TxPlan:
     """
     spec = bench.spec
     refuse_other(options.receiver, spec, "the receiver on the bench")
-    codes, code = spec.gain_codes, options.code
-    if codes is None and code is not None:
-        raise LimitExceeded(f"gain code {code}: this receiver has no gain codes")
-    if codes is not None and code is None:
-        code = BEST_CODE if BEST_CODE in codes else codes[0]
+    code = usual_code(spec, options.code)
     if options.receiver is not None:
         # Before the laser fires: windows at another code could not be analysed.
         options.receiver.at(code)
