@@ -18,7 +18,7 @@ from belahil import butterworth
 from belahil.delay_curve import NARROWEST_S, WIDEST_S, DelayCurve, fit_delay_curve, published_curve
 from belahil.errors import RefusedInput
 from belahil.values import Estimate
-from procedures.arrival_footprints import LIGHT_M_PER_S
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.filter_delay import filter_delay_curve
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ _STEP_S = 0.5e-9
 PUBLISHED_CONSTANT_S = 11.84e-9
 """What the published polynomial with 9.37e-2 and the delay of a 19 MHz Butterworth filter sum to."""
 
-_ONE_WAY = LIGHT_M_PER_S / 2
+_ONE_WAY = SPEED_OF_LIGHT_M_PER_S / 2
 
 
 @dataclass(frozen=True, slots=True)

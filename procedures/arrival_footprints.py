@@ -21,6 +21,7 @@ from belahil.errors import RefusedInput
 from belahil.pulse_fit import gaussian_fit
 from procedures.arrival_fit import FIT_SPAN_S
 from sim.accuracy import Accuracy
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.draws import Draws
 from sim.echo import GridEcho
 from sim.footprint import plan_footprint
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from procedures.known_receiver import KnownReceiver
     from sim.laser import Laser
 
-LIGHT_M_PER_S = 299792458.0
 TOLERANCE = 1e-3
 """Of the echoes, relative to their peak: 0.02 ns of an arrival at most."""
 
@@ -224,7 +224,7 @@ def mean_delays(
     bend = down @ bright @ bend_along.T + bend_down @ bright @ along.T
     safe = np.where(total > 0, total, 1.0)
     way_m = np.where(total > 0, (bend - height) / safe, 0.0)
-    return 2 / LIGHT_M_PER_S * way_m, down @ known @ along.T
+    return 2 / SPEED_OF_LIGHT_M_PER_S * way_m, down @ known @ along.T
 
 
 def _detected(volts: NDArray[np.float64], interval_s: float) -> NDArray[np.float64]:

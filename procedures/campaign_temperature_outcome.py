@@ -13,6 +13,7 @@ from belahil.outcome import BudgetLine, Outcome, Table
 from belahil.uncertainty import budget
 from belahil.values import Estimate
 from procedures.campaign_temperature import AZIMUTHS_DEG, PARTS, SETS, STEPS, STRENGTHS
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.presets import THERMAL_SOURCE
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
     from belahil.campaign_run import CampaignPlan
 
-LIGHT_M_PER_S = 299792458.0
 PUBLISHED_V = 2e-3
 """The text: shapes vary by up to 2 mV."""
 _WIDE = (STRENGTHS[0], STRENGTHS[1])
@@ -111,8 +111,8 @@ def change(one: dict[str, NDArray[Any]], other: dict[str, NDArray[Any]]) -> Chan
     inner = slice(STEPS, -STEPS)
     return Change(
         float(np.abs(aligned(one, other) - other["volts"])[inner].max()),
-        float(LIGHT_M_PER_S / 2 * whole_s),
-        float(LIGHT_M_PER_S / 2 * (one["ground_s"][0] - other["ground_s"][0])),
+        float(SPEED_OF_LIGHT_M_PER_S / 2 * whole_s),
+        float(SPEED_OF_LIGHT_M_PER_S / 2 * (one["ground_s"][0] - other["ground_s"][0])),
         float(one["fit"][2] / other["fit"][2] - 1),
         peaks_v[0] / peaks_v[1] - 1,
         float(one["fit"][1] - other["fit"][1]),
@@ -249,7 +249,9 @@ def _by_azimuth(sets: Sets) -> list[dict[str, float]]:
     return [
         {"azimuth_deg": turn}
         | {
-            f"{name}_m": float(LIGHT_M_PER_S / 2 * (sets.found[name]["ground_s"][at] - ambient_s[at]))
+            f"{name}_m": float(
+                SPEED_OF_LIGHT_M_PER_S / 2 * (sets.found[name]["ground_s"][at] - ambient_s[at])
+            )
             for name in ("cold", "hot")
         }
         for at, turn in enumerate(AZIMUTHS_DEG)

@@ -21,6 +21,7 @@ from belahil.pole_response import response
 from procedures.energy_fit import EnergyFit, bins, fit_energy
 from procedures.pulse_energy import PulseEnergy, pulse_energy
 from sim.chain import Chain
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.detector import multiplication, volts_per_photon_rate
 from sim.draws import Draws
 from sim.echo import GridEcho, echo
@@ -49,7 +50,6 @@ PHASES = 8
 
 _SAMPLES = 512
 _PLANES = 31
-_SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,5 +277,5 @@ def _places(
     centres_m = low + span / 2 + draws * room
     heights_m, _ = relief.sample(centres_m[:, 0], centres_m[:, 1])
     phases = rng.uniform(0.0, 1.0, count)
-    first_s = -2 * heights_m / _SPEED_OF_LIGHT_M_PER_S + (phases - _SAMPLES // 2) * interval_s
+    first_s = -2 * heights_m / SPEED_OF_LIGHT_M_PER_S + (phases - _SAMPLES // 2) * interval_s
     return centres_m, first_s

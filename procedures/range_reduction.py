@@ -25,10 +25,11 @@ from belahil.errors import RefusedInput
 from belahil.outcome import BudgetLine
 from belahil.uncertainty import budget, combined
 from belahil.values import Estimate
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
 
 ReductionStatus = Literal["ok", "width_outside_curve", "not_after_transmitted"]
 
-HALF_LIGHT_M_PER_S = 299_792_458.0 / 2
+HALF_LIGHT_M_PER_S = SPEED_OF_LIGHT_M_PER_S / 2
 """Metres of one-way range in a second of time of flight."""
 
 _ROUNDING_S = 0.5e-12 / math.sqrt(3)

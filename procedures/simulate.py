@@ -22,6 +22,7 @@ from belahil.stimuli import SampledPulse
 from belahil.values import PRODUCTS, Shot
 from sim.accuracy import Accuracy
 from sim.chain import Chain
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.laser import beam_sigma_m, photon_number
 from sim.scene import load_scene
 
@@ -43,7 +44,6 @@ _MANY = 100
 """So many shots repay the time in which the compiled loops of the range finder are loaded."""
 _CURVE_STEPS = 20
 """Places on a curve in a sample interval."""
-_LIGHT_M_PER_S = 299792458.0
 _GROUND_POSTS = 121
 _GROUND_RADII = 1.7
 
@@ -241,7 +241,7 @@ class Simulation:
         if there is None:
             return 0
         true_s = chain.correlation_window().delay_s + there.arrival_s
-        near_s = 2 * FALSE_BEYOND_M / _LIGHT_M_PER_S
+        near_s = 2 * FALSE_BEYOND_M / SPEED_OF_LIGHT_M_PER_S
         # A sample for the phase, which differs from shot to shot.
         near_s += chain.receiver.spec.sample_interval_s
         return sum(

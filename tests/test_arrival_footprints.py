@@ -16,7 +16,6 @@ from belahil.pulse_fit import gaussian_fit
 from belahil.values import Estimate
 from procedures.arrival_curve import bin_means, footprint_curve, model_curve, with_published
 from procedures.arrival_footprints import (
-    LIGHT_M_PER_S,
     Footprints,
     echo_kernel,
     footprints,
@@ -26,6 +25,7 @@ from procedures.arrival_footprints import (
 from procedures.arrival_ground import ALTITUDES_M, Ground, grounds
 from procedures.known_receiver import KnownReceiver, preset_receiver
 from sim.accuracy import Accuracy
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.echo import echo
 from sim.footprint import DelayGaussian, DelayHistogram, delays, plan_footprint
 from sim.laser import Laser
@@ -190,7 +190,7 @@ def test_the_curve_of_footprints_comes_back_with_what_it_leaves(spread_ns: float
     assert found.bias is not None
     assert found.residual is not None
     assert found.residual_largest is not None
-    ranges_m = LIGHT_M_PER_S / 2
+    ranges_m = SPEED_OF_LIGHT_M_PER_S / 2
     assert found.residual.value == pytest.approx(ranges_m * spread_ns * NS, rel=0.02)
     assert found.residual_largest.value < 1.3 * found.residual.value
     bias_m = ranges_m * ((18 + 80 * tilt) * NS - 18.5 * NS)
@@ -318,4 +318,4 @@ def test_lunar_footprints_follow_the_curve_of_the_filter() -> None:
     off_s = bins.shift_s[many] - curve.at(bins.width_s[many])
     # the curve's polynomial leaves 0.12 ns at its narrow end
     assert np.all(np.abs(off_s) < 0.15 * NS + 4 * bins.shift_u_s[many])
-    assert 0.02 < LIGHT_M_PER_S / 2 * bins.spread_s[many].max() < 1.0
+    assert 0.02 < SPEED_OF_LIGHT_M_PER_S / 2 * bins.spread_s[many].max() < 1.0

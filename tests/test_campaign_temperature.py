@@ -24,8 +24,9 @@ from procedures.campaign_temperature import (
     scaled,
     wrong_library,
 )
-from procedures.campaign_temperature_outcome import LIGHT_M_PER_S, aligned, change, gathered, peak_of
+from procedures.campaign_temperature_outcome import aligned, change, gathered, peak_of
 from procedures.pulse_library import mean_fit
+from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.laser import Laser
 from sim.presets import THERMAL, ThermalSet, laser_preset
 from sim.scene import Scene, as_toml
@@ -145,7 +146,7 @@ def test_the_outcome_adds_up() -> None:
         assert sign * whole.range_bias_m > 0
         assert abs(whole.range_bias_m - whole.pointing_m) < 0.02
         assert whole.pointing_m == pytest.approx(
-            LIGHT_M_PER_S / 2 * (one["ground_s"][0] - ambient["ground_s"][0]), rel=1e-12
+            SPEED_OF_LIGHT_M_PER_S / 2 * (one["ground_s"][0] - ambient["ground_s"][0]), rel=1e-12
         )
     # and turned by half a circle the slope turns the sign of what pointing does
     half = len(AZIMUTHS_DEG) // 2
