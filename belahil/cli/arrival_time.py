@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from belahil.cli.options import Decimals, common, common_options, receiver_option, windows_option
+from belahil.cli.options import Decimals, common, common_options, found_again, receiver_option, windows_option
 
 
 @click.command("arrival-time", short_help="Delay of a detected arrival against the detected width.")
@@ -51,20 +51,13 @@ def command(
         "widths": widths,
         "windows": pulse_windows,
         "peak_v": None if peak_mv is None else peak_mv[0],
-        "terrain": _absolute(terrain),
+        "terrain": found_again(terrain),
         "altitudes_m": altitudes_km,
         "footprints": footprints,
         "ground_seed": ground_seed,
         "receiver": _known(receiver),
     }
     return perform(Job("arrival-time", "ArrivalOptions", _lines), common(**given), chosen, windows)
-
-
-def _absolute(terrain: str | None) -> str | None:
-    """A file is found again when the run is resumed from another folder."""
-    if terrain is None or not Path(terrain).is_file():
-        return terrain
-    return str(Path(terrain).absolute())
 
 
 def _known(receiver: Path | None) -> dict[str, Any] | None:

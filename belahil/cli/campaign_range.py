@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from belahil.cli.campaigning import Place, campaign_options, perform
+from belahil.cli.options import found_again
 
 
 @click.command(
@@ -68,19 +69,12 @@ def command(
         "shots": shots,
         "seed": seed,
         "ground_seed": ground_seed,
-        "terrain": _found_again(terrain),
+        "terrain": found_again(terrain),
         "truth": truth,
         "by_beam": by_beam,
     }
     place = Place(out, resume, workers, cluster, quiet, as_json)
     return perform("range", "RangeOptions", chosen, place, _lines)
-
-
-def _found_again(terrain: str | None) -> str | None:
-    """A file is found when the campaign is resumed from another folder; a ready scene is none."""
-    if terrain is None or not Path(terrain).is_file():
-        return terrain
-    return str(Path(terrain).absolute())
 
 
 def _lines(results: dict[str, Any]) -> list[str]:

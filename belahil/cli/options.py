@@ -114,6 +114,13 @@ def receiver_option(function: F) -> F:
     )(function)
 
 
+def found_again(place: str | None) -> str | None:
+    """Return a file's whole path, which a run resumed from another folder finds; a ready scene as it is."""
+    if place is None or not Path(place).is_file():
+        return place
+    return str(Path(place).absolute())
+
+
 def common(
     bench: str | None, out: Path | None, resume: Path | None, seed: int | None, quiet: bool, as_json: bool
 ) -> Common:
