@@ -55,20 +55,9 @@ def command(
         "altitudes_m": altitudes_km,
         "footprints": footprints,
         "ground_seed": ground_seed,
-        "receiver": _known(receiver),
+        "receiver": receiver,
     }
     return perform(Job("arrival-time", "ArrivalOptions", _lines), common(**given), chosen, windows)
-
-
-def _known(receiver: Path | None) -> dict[str, Any] | None:
-    """Return what a characterization found, as plain values, as a resumed run reads them back."""
-    if receiver is None:
-        return None
-    from dataclasses import asdict
-
-    from procedures.known_receiver import characterized_receiver
-
-    return asdict(characterized_receiver(receiver))
 
 
 def _lines(results: dict[str, Any]) -> list[str]:

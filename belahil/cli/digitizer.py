@@ -63,11 +63,8 @@ def command(
         "levels_dbfs": levels_dbfs,
         "frequencies_hz": frequencies_hz,
         "records": records,
+        "receiver": receiver,
     }
-    if receiver is not None:
-        from procedures.known_receiver import characterized_receiver
-
-        chosen["receiver"] = characterized_receiver(receiver)
     return perform(Job("digitizer", "DigitizerOptions", _lines), common(**given), chosen, windows)
 
 

@@ -57,7 +57,6 @@ def command(
     published lines.
     """
     from belahil.cli.measuring import Job, perform
-    from procedures.known_receiver import characterized_receiver
 
     chosen = {
         "widths_s": widths_ns,
@@ -66,7 +65,7 @@ def command(
         "gain_code": gain_code,
         "scene": scene,
         "footprints": footprints,
-        "receiver": None if receiver is None else characterized_receiver(receiver),
+        "receiver": receiver,
     }
     return perform(Job("energy-calibration", "EnergyOptions", _lines), common(**given), chosen, windows)
 

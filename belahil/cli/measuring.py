@@ -53,7 +53,8 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path | 
     given : Common
         The common options.
     chosen : mapping
-        The procedure's own options; None where the user said nothing.
+        The procedure's own options; None where the user said nothing. A ``receiver`` is the run folder of a
+        characterization, which is read here.
     windows : Path or None
         A data file that takes the place of measuring.
 
@@ -64,6 +65,7 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path | 
     """
     from belahil.run_folder import read_json
 
+    chosen = _with_receiver(chosen)
     if given.resume is not None:
         summary, folder = _measure_on(job, given, given.resume)
     elif windows is not None:
@@ -80,6 +82,16 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path | 
         print(f"verdict: {summary['verdict']}")
         print(f"report: {folder / 'report.html'}")
     return 0 if summary["verdict"] in ("pass", "none") else 1
+
+
+def _with_receiver(chosen: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the options with what a characterization found, as plain values, as a resumed run reads them."""
+    folder = chosen.get("receiver")
+    if folder is None:
+        return chosen
+    from procedures.known_receiver import characterized_receiver
+
+    return {**chosen, "receiver": asdict(characterized_receiver(folder))}
 
 
 def _not_passed(folder: Path) -> list[str]:

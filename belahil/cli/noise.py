@@ -41,11 +41,12 @@ def command(
     """
     from belahil.cli.measuring import Job, perform
 
-    chosen: dict[str, Any] = {"codes": codes, "dark_windows": dark_windows, "laser": laser}
-    if receiver is not None:
-        from procedures.known_receiver import characterized_receiver
-
-        chosen["receiver"] = characterized_receiver(receiver)
+    chosen: dict[str, Any] = {
+        "codes": codes,
+        "dark_windows": dark_windows,
+        "laser": laser,
+        "receiver": receiver,
+    }
     return perform(Job("noise", "NoiseOptions", _lines), common(**given), chosen, windows)
 
 

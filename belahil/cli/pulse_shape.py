@@ -74,13 +74,12 @@ def command(scenes: tuple[str, ...], receiver: Path | None, windows: Path | None
     SCENE is left out with --windows and with --resume.
     """
     from belahil.cli.measuring import Job, perform
-    from procedures.known_receiver import characterized_receiver
     from procedures.pulse_echoes import NamedScene
     from sim.scene import as_toml, load_scene
 
     chosen: dict[str, Any] = {name: given.pop(name) for name in _OWN}
     chosen["scenes"] = tuple(NamedScene(name, as_toml(load_scene(name))) for name in scenes)
-    chosen["receiver"] = None if receiver is None else characterized_receiver(receiver)
+    chosen["receiver"] = receiver
     job = Job("pulse-shape", "PulseShapeOptions", _lines)
     return perform(job, common(**given), chosen, windows)
 

@@ -73,10 +73,7 @@ def command(
     }
     within = {name: value for name, value in told.items() if value is not None}
     chosen["tolerances"] = within or None
-    if receiver is not None:
-        from procedures.known_receiver import characterized_receiver
-
-        chosen["receiver"] = characterized_receiver(receiver)
+    chosen["receiver"] = receiver
     return perform(Job("rfm-parity", "ParityOptions", _lines), common(**given), chosen, windows)
 
 

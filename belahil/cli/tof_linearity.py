@@ -45,7 +45,6 @@ def command(
 ) -> int:
     """Measure how linear a receiver's time of flight is, with two pulses in each window."""
     from belahil.cli.measuring import Job, perform
-    from procedures.known_receiver import characterized_receiver
 
     chosen = {
         "widths_s": widths_ns,
@@ -53,7 +52,7 @@ def command(
         "separations": separations,
         "shots": shots,
         "gain_code": gain_code,
-        "receiver": None if receiver is None else characterized_receiver(receiver),
+        "receiver": receiver,
     }
     return perform(Job("tof-linearity", "TofOptions", _lines), common(**given), chosen, windows)
 

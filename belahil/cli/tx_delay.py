@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -116,11 +115,8 @@ def command(
         "shape_uncertainty": shape_uncertainty,
         "definition": definition,
         "baseline": baseline,
+        "receiver": receiver,
     }
-    if receiver is not None:
-        from procedures.known_receiver import characterized_receiver
-
-        chosen["receiver"] = asdict(characterized_receiver(receiver))
     return perform(Job("tx-delay", "TxDelayOptions", _lines), told, chosen, windows)
 
 
