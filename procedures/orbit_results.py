@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from procedures.energy_cells import energy_cells
+from procedures.orbit_crossings import crossing
 from procedures.orbit_curves import nodes
-from procedures.orbit_shares import LEVELS, LIGHTS, Arc, Copies, crossing, numbers
+from procedures.orbit_shares import LEVELS, LIGHTS, Arc, Copies, numbers
 from procedures.range_table import cells
 from sim.draws import Draws
 
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
     from procedures.campaign_orbit import OrbitOptions
     from procedures.echo_energy import Conversion
     from procedures.energy_cells import EnergyCell
+    from procedures.orbit_crossings import Crossing
     from procedures.orbit_curves import Nodes
-    from procedures.orbit_shares import Crossing, Told
+    from procedures.orbit_shares import Told
     from procedures.range_points import Collected, Drawn
     from procedures.range_table import Cell
     from sim.orbit import Orbit

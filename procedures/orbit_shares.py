@@ -135,11 +135,11 @@ class Copies:
 
     def parts(self, number: int) -> tuple[float, float]:
         """Return its standard uncertainties by chance and by the way of interpolation."""
-        return _parts(self.values[number], float(self.straight[number]))
+        return uncertainties(self.values[number], float(self.straight[number]))
 
 
-def _parts(copies: NDArray[np.float64], straight: float) -> tuple[float, float]:
-    """Scatter of the copies; what straight lines change, as likely anywhere in it."""
+def uncertainties(copies: NDArray[np.float64], straight: float) -> tuple[float, float]:
+    """Return the scatter of a number's copies, and what straight lines change, as likely anywhere in it."""
     return float(copies[1:].std()), abs(straight - float(copies[0])) / math.sqrt(3)
 
 
@@ -251,49 +251,3 @@ def _trapezoid(count: int) -> NDArray[np.float64]:
     weights = np.full(count, 1.0 / (count - 1))
     weights[[0, -1]] /= 2
     return weights
-
-
-@dataclass(frozen=True, slots=True)
-class Crossing:
-    """Where a probability of false detection is reached.
-
-    Parameters
-    ----------
-    status : str
-        "crosses", "crosses_more_than_once", "always_below" or "always_above", within the altitudes that were
-        computed.
-    altitude : Estimate or None
-        Of the first, m.
-    """
-
-    status: str
-    altitude: Estimate | None
-
-
-def crossing(nodes: Nodes, light: str, level: float) -> Crossing:
-    """Return where the curve of "day" or "night" first crosses a probability."""
-    low_m, high_m = float(nodes.altitude_m[0]), float(nodes.altitude_m[-1])
-    at_m = np.linspace(low_m, high_m, max(2, math.ceil((high_m - low_m) / 1e3) + 1))
-    row, wanted = 0 if light == "night" else -1, float(logit(level))
-    copies = along(nodes.altitude_m, nodes.logit, at_m)[:, :, row] - wanted
-    straight = along(nodes.altitude_m, nodes.estimate.logit, at_m, True)[:, :, row] - wanted
-    above = copies[0] >= 0
-    changes = int(np.count_nonzero(above[1:] != above[:-1]))
-    if not changes:
-        return Crossing("always_above" if above[0] else "always_below", None)
-    status = "crosses" if changes == 1 else "crosses_more_than_once"
-    found_m = _first_m(at_m, copies)
-    u_m = math.hypot(*_parts(found_m, float(_first_m(at_m, straight)[0])))
-    return Crossing(status, Estimate(float(found_m[0]), u_m, "m"))
-
-
-def _first_m(at_m: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where rows first change their sign; the end on its way where they do not."""
-    changed = (values[:, 1:] >= 0) != (values[:, :-1] >= 0)
-    at = changed.argmax(axis=1)
-    rows = np.arange(len(values))
-    before, after = values[rows, at], values[rows, at + 1]
-    there = changed[rows, at]
-    part = before / np.where(there, before - after, 1.0)
-    ends_m = np.where(values[:, 0] >= 0, at_m[0], at_m[-1])
-    return np.asarray(np.where(there, at_m[at] + part * (at_m[at + 1] - at_m[at]), ends_m))

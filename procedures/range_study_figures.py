@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
 from procedures.range_scenes import LIGHTS, MEAN_REFLECTANCE
@@ -103,6 +105,19 @@ def map_figure(slopes_deg: Sequence[float], cells: Sequence[Cell]) -> Figure:
         axes.set_xlabel("slope, degrees")
     for axes in grid[:, 0]:
         axes.set_ylabel("altitude, km")
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color="k", ls=_STYLES[name][0], lw=_STYLES[name][1], label=f"{100 * level:g} %")
+        for level, name in CONTOURS
+    ]
+    handles.append(Patch(color="0.6", label=f"above {100 * CONTOURS[-1][0]:g} %"))
+    title = "probability of false detection:"
+    figure.legend(
+        [Line2D([], [], lw=0), *handles],
+        [title, *(str(one.get_label()) for one in handles)],
+        loc="outside lower center",
+        ncols=len(handles) + 1,
+        frameon=False,
+    )
     assert image is not None
     figure.colorbar(image, ax=grid, label="range error, m rms", extend="max", shrink=0.8)
     return figure

@@ -19,13 +19,13 @@ from procedures import energy_parts, range_ground
 from procedures.campaign_orbit import DRIFTED, LOWERED, NOMINAL, OrbitOptions, plan
 from procedures.energy_cells import energy_cells
 from procedures.energy_parts import read_results
+from procedures.orbit_crossings import crossing
 from procedures.orbit_curves import COPIES, LEAST_PFD, Nodes, along, logit, nodes, probability
 from procedures.orbit_points import SUN_PARTS, sun_conditions, sun_level_v
 from procedures.orbit_shares import (
     LEVELS,
     LIGHTS,
     Arc,
-    crossing,
     numbers,
     share_below,
     sun_parts,
