@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _DAY, _NIGHT = "#D55E00", "#0072B2"
 _LEAST_POINTS = 1.0
 """Of a probability that the axis of a panel has on either side: less is nothing to be seen."""
+_ROUNDING = 1e-9
 _COLOURS = {"day": _DAY, "night": _NIGHT}
 _ALTITUDE_COLOURS = ("#000000", "#0072B2", "#009E73", "#D55E00", "#CC79A7")
 
@@ -75,7 +76,7 @@ def tornado_figure(budget: Sequence[BudgetCell]) -> Figure:
 
 
 def _moves(shift: Shift) -> bool:
-    return any(one.value != 0.0 for one in (*shift.low, *shift.high))
+    return any(abs(one.value) > _ROUNDING for one in (*shift.low, *shift.high))
 
 
 def _bars(axes: Axes, one: BudgetCell, order: list[int], which: int) -> None:
