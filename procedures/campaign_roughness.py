@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msgspec import structs
+
 from belahil.campaign_run import CampaignPlan
 from belahil.chunks import Chunk
 from belahil.errors import RefusedInput
@@ -59,6 +61,9 @@ class RoughnessOptions:
         A terrain model whose footprints are shown beside: a GeoTIFF, or a scene over posts.
     altitudes : bool
         Whether other altitudes are studied.
+    ellipticity : float
+        Of the beam, 1 - minor / major axis, 0 to 0.9; 0: the round beam of the preset. The major axis is
+        along x, the geometric mean of both axes that of the preset.
     by_beam : bool
         Plane, roughness and skewness weighted by the beam in place of the 1/e^2 disc.
     seed, ground_seed : int
@@ -75,6 +80,7 @@ class RoughnessOptions:
     per_side: int = 22
     terrain: str | None = None
     altitudes: bool = True
+    ellipticity: float = 0.0
     by_beam: bool = False
     seed: int = 1
     ground_seed: int = 100
@@ -86,6 +92,8 @@ class RoughnessOptions:
             raise RefusedInput(
                 f"{self.sets} sets of {self.per_side} x {self.per_side} footprints: at least 2 sets of 2 x 2"
             )
+        if not 0 <= self.ellipticity <= 0.9:
+            raise RefusedInput(f"ellipticity = {self.ellipticity:g}: allowed are 0 (a round beam) to 0.9")
         if min(self.seed, self.ground_seed) < 0:
             raise RefusedInput(f"seed = {self.seed}, ground_seed = {self.ground_seed}: must not be negative")
 
@@ -98,7 +106,7 @@ def plan(options: RoughnessOptions) -> CampaignPlan:
     RefusedInput
         A file that cannot be read, or a terrain that is too small.
     """
-    scene = base_scene(options.altitude_m)
+    scene = _scene(options, options.altitude_m)
     fractals = [(level, 1.0) for level in range(LEVELS)]
     more = [(LEVELS - 1, factor) for factor in FACTORS]
     jobs: list[tuple[str, str, dict[str, Any]]] = []
@@ -114,7 +122,9 @@ def plan(options: RoughnessOptions) -> CampaignPlan:
         for altitude_m in sorted({*ALTITUDES_M, options.altitude_m}):
             for level, factor, number in (*_SPARSE, *_ROUGH):
                 ground, tilt_deg = (level, factor), TILTS_DEG[1]
-                given = _fractal(base_scene(altitude_m), options, ground, options.sets + number, tilt_deg)
+                given = _fractal(
+                    _scene(options, altitude_m), options, ground, options.sets + number, tilt_deg
+                )
                 given |= {"cases": ["night"], "reflectances": list(REFLECTANCES)}
                 name = f"altitude {altitude_m:g} m, {level} x {factor:g}, ground {number}"
                 jobs.append(("altitude", name, given))
@@ -125,6 +135,14 @@ def plan(options: RoughnessOptions) -> CampaignPlan:
     chunks += _terrain(scene, options, here, len(chunks))
     instruments = {"ground": "eleven fractals", "terrain": options.terrain or ""}
     return CampaignPlan(tuple(chunks), as_toml(scene), options.seed, instruments)
+
+
+def _scene(options: RoughnessOptions, altitude_m: float) -> Scene:
+    scene = base_scene(altitude_m)
+    if options.ellipticity == 0:
+        return scene
+    oval = structs.replace(scene.laser, beam="elliptical", ellipticity=options.ellipticity)
+    return structs.replace(scene, laser=oval)
 
 
 def _fractal(

@@ -72,7 +72,7 @@ class Disc:
         return int(np.abs(self.rows).max())
 
 
-def disc(spacing_m: float, sigma_m: float, *, by_beam: bool = False) -> Disc:
+def disc(spacing_m: float, sigma_m: float, *, across_m: float | None = None, by_beam: bool = False) -> Disc:
     """Return the posts that count.
 
     Parameters
@@ -80,7 +80,9 @@ def disc(spacing_m: float, sigma_m: float, *, by_beam: bool = False) -> Disc:
     spacing_m : float
         Between posts, m.
     sigma_m : float
-        Standard deviation of a round beam on the ground, m.
+        Standard deviation of the beam on the ground along x, m.
+    across_m : float or None
+        And along y, m; None: the same, a round beam.
     by_beam : bool
         Count posts by the beam; else those of the 1/e^2 disc alike.
 
@@ -89,10 +91,11 @@ def disc(spacing_m: float, sigma_m: float, *, by_beam: bool = False) -> Disc:
     RefusedInput
         Fewer than nine posts.
     """
+    across_m = sigma_m if across_m is None else across_m
     edge_m = (_REACH if by_beam else EDGE) * sigma_m
-    reach = int(edge_m / spacing_m)
+    reach = int(max(edge_m, edge_m / sigma_m * across_m) / spacing_m)
     row, column = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    squares = spacing_m**2 * (row**2 + column**2)
+    squares = spacing_m**2 * ((sigma_m / across_m * row) ** 2 + column**2)
     inside = squares <= edge_m**2
     if inside.sum() < _FEWEST:
         raise RefusedInput(

@@ -71,6 +71,11 @@ class PulseLibrary:
     fwhm_s: NDArray[np.float64]
 
     @property
+    def delay_s(self) -> NDArray[np.float64]:
+        """How much later the fitted Gaussian comes than light from the middle of the plane, s, shape (n,)."""
+        return -_BEFORE_S - self.first_s
+
+    @property
     def step_s(self) -> float:
         """Between places, s."""
         return self.interval_s / STEPS
@@ -244,6 +249,39 @@ def best_matches(
         for at in range(0, len(samples_v), _ROW)
     ]
     return Matches(*(np.concatenate([getattr(one, name) for one in parts]) for name in Matches.__slots__))
+
+
+def timed_matches(
+    library: PulseLibrary, samples_v: NDArray[np.float64], zero_s: NDArray[np.float64]
+) -> Matches:
+    """Find the pulse that leaves the least squares where it is known when it comes; it is scaled, not moved.
+
+    Parameters
+    ----------
+    library : PulseLibrary
+        Pulses.
+    samples_v : ndarray of float64, shape (n, samples)
+        Correlation windows, V.
+    zero_s : ndarray of float64, shape (n,)
+        When light of zero length from the middle of the footprint would come without a filter, s from the
+        first sample.
+
+    Returns
+    -------
+    Matches
+        All shifts are 0.
+    """
+    rows = len(samples_v)
+    times_s = library.interval_s * np.arange(samples_v.shape[1]) - zero_s[:, None]
+    pulse, factor, least = np.zeros(rows, np.int64), np.zeros(rows), np.full(rows, np.inf)
+    for number, delay_s in enumerate(library.delay_s):
+        volts, _ = library.at(np.full(rows, number), times_s - delay_s)
+        norm = (volts**2).sum(axis=1)
+        scale = np.maximum((samples_v * volts).sum(axis=1), 0.0) / np.where(norm > 0, norm, 1.0)
+        left = ((samples_v - scale[:, None] * volts) ** 2).mean(axis=1)
+        better = left < least
+        pulse[better], factor[better], least[better] = number, scale[better], left[better]
+    return Matches(pulse, factor, np.zeros(rows), least)
 
 
 def _matched(

@@ -15,10 +15,11 @@ import numpy as np
 from procedures.echo_hits import FALSE_M, corrected_m
 from procedures.footprint_moments import described, disc, even_places
 from procedures.local_draws import local_draws
-from procedures.pulse_library import best_matches, pulse_library
+from procedures.pulse_library import best_matches, pulse_library, timed_matches
 from procedures.range_chunks import MIDDLE_WIDTH_S, TOLERANCE, correction
 from procedures.range_ground import Places
 from procedures.range_scenes import conditions
+from procedures.roughness_statistics import COLUMNS, ECHOES
 from procedures.study_ground import fractal, terrain_file
 from sim.accuracy import Accuracy
 from sim.chain import Chain
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.delay_curve import DelayCurve
+    from procedures.footprint_moments import Disc
     from procedures.local_draws import LocalDraws
     from procedures.pulse_library import Matches, PulseLibrary
     from sim.converter import Quantizer
@@ -164,28 +166,27 @@ def footprints(
     -------
     dict
         ``spacing_m`` between posts. Of shape (n,), footprints with data everywhere, maybe none: ``slope_deg,
-        roughness_m, skewness, raw_skewness``. Of shape (reflectances, cases, n):
-        ``width_s, amplitude`` (factor of the library's pulse), ``msr_v2, library_deg``, ``pulse_msr_v2`` (of
-        samples where the best pulse is above a tenth of its peak); zero width where the echo was not
-        detected. ``example_*``: what belongs to the footprint with the largest MSR of the first case and
+        azimuth_deg, roughness_m, skewness, raw_skewness``. Of shape
+        (reflectances, cases, n): ``width_s, amplitude`` (factor of the library's pulse), ``msr_v2,
+        library_deg, library_azimuth_deg``, ``pulse_msr_v2`` (of samples where the best pulse is above a tenth
+        of its peak), ``largest_v2`` (largest squared residual), ``timed_msr_v2, timed_deg`` (of the best
+        pulse that is not moved, its plane through the middle of the footprint); zero width where the echo was
+        not detected. ``example_*``: what belongs to the footprint with the largest MSR of the first case and
         reflectance.
     """
     read = parse_scene(scene)
-    sigma_m = beam_sigma_m(read.laser, read.altitude_m)[0]
-    posts = disc(relief.spacing_m, sigma_m, by_beam=by_beam)
-    row, column = even_places(relief, MARGIN * sigma_m, per_side, 4 * sigma_m)
+    along_m, across_m = beam_sigma_m(read.laser, read.altitude_m)
+    posts = disc(relief.spacing_m, along_m, across_m=across_m, by_beam=by_beam)
+    row, column = even_places(relief, MARGIN * along_m, per_side, 4 * along_m)
     found, whole = described(relief, row, column, posts)
-    light_m, lit = _light(relief, row, column, sigma_m)
+    beam = disc(relief.spacing_m, along_m, across_m=across_m, by_beam=True)
+    light_m, lit = _light(relief, row, column, beam)
     whole &= lit > _WHOLE
     row, column, light_m = row[whole], column[whole], light_m[whole]
-    told = {
-        name: getattr(found, name)[whole] for name in ("slope_deg", "roughness_m", "skewness", "raw_skewness")
-    }
+    told = {name: getattr(found, name)[whole] for name in COLUMNS}
     told["spacing_m"] = np.array(relief.spacing_m)
     shape = (len(reflectances), len(cases), row.size)
-    results = {
-        name: np.zeros(shape) for name in ("width_s", "amplitude", "msr_v2", "pulse_msr_v2", "library_deg")
-    }
+    results = {name: np.zeros(shape) for name in ECHOES}
     if not row.size:
         return told | results
     if relief.known is not None:
@@ -195,17 +196,28 @@ def footprints(
     at = _places(relief, row, column, light_m)
     drawn = local_draws(chain, at, float(curve.at(MIDDLE_WIDTH_S)), draws)
     quantizer = chain.receiver.quantizer
+    middle_s = -2 / SPEED_OF_LIGHT_M_PER_S * relief.values[row, column]
     example: dict[str, NDArray[Any]] = {}
     for first, second in np.ndindex(*shape[:2]):
         windows = _windows(read, drawn, cases[second], reflectances[first], quantizer)
         centre, width = _detected(windows, drawn, finder, curve)
-        cut = _cut(windows, drawn, np.where(width > 0, centre, drawn.middle), finder)
-        matched = best_matches(library_of(scene), *cut)
+        used = np.where(width > 0, centre, drawn.middle)
+        cut = _cut(windows, drawn, used, finder)
+        library = library_of(scene)
+        matched = best_matches(library, *cut)
+        # From the first sample of each correlation window.
+        zero_s = middle_s - drawn.first_s + cut[1] - drawn.interval_s * used
+        timed = timed_matches(library, cut[0], zero_s)
+        off_v = cut[0] - _best_v(library, cut[1], cut[0].shape[1], matched)
         there = width > 0
         results["width_s"][first, second] = drawn.interval_s * width
         results["msr_v2"][first, second] = matched.msr_v2
-        results["pulse_msr_v2"][first, second] = _pulse_msr_v2(library_of(scene), cut, matched)
-        results["library_deg"][first, second] = library_of(scene).slope_deg[matched.pulse]
+        results["pulse_msr_v2"][first, second] = _pulse_msr_v2(cut[0] - off_v, off_v)
+        results["largest_v2"][first, second] = (off_v**2).max(axis=1)
+        results["library_deg"][first, second] = library.slope_deg[matched.pulse]
+        results["library_azimuth_deg"][first, second] = library.azimuth_deg[matched.pulse]
+        results["timed_msr_v2"][first, second] = timed.msr_v2
+        results["timed_deg"][first, second] = library.slope_deg[timed.pulse]
         results["amplitude"][first, second] = matched.factor
         if not example:
             worst = int(np.argmax(np.where(there, matched.msr_v2, -1.0)))
@@ -275,27 +287,23 @@ def _best_v(
     return matched.factor[:, None] * library.at(matched.pulse, times_s)[0]
 
 
-def _pulse_msr_v2(
-    library: PulseLibrary, cut: tuple[NDArray[np.float64], NDArray[np.float64]], matched: Matches
-) -> NDArray[np.float64]:
-    best_v = _best_v(library, cut[1], cut[0].shape[1], matched)
+def _pulse_msr_v2(best_v: NDArray[np.float64], off_v: NDArray[np.float64]) -> NDArray[np.float64]:
     counts = best_v > _OF_PULSE * best_v.max(axis=1)[:, None]
-    left = np.where(counts, (cut[0] - best_v) ** 2, 0.0)
+    left = np.where(counts, off_v**2, 0.0)
     return np.asarray(left.sum(axis=1) / np.maximum(counts.sum(axis=1), 1))
 
 
 def _light(
-    relief: Grid, row: NDArray[np.int64], column: NDArray[np.int64], sigma_m: float
+    relief: Grid, row: NDArray[np.int64], column: NDArray[np.int64], beam: Disc
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean height under the beam, m, and the share of it on ground with data."""
-    posts = disc(relief.spacing_m, sigma_m, by_beam=True)
     heights, lit = np.empty(row.size), np.ones(row.size)
     for begin in range(0, row.size, 512):
         part = slice(begin, begin + 512)
-        at = row[part, None] + posts.rows, column[part, None] + posts.columns
-        heights[part] = relief.values[at] @ posts.weights
+        at = row[part, None] + beam.rows, column[part, None] + beam.columns
+        heights[part] = relief.values[at] @ beam.weights
         if relief.known is not None:
-            lit[part] = relief.known[at] @ posts.weights
+            lit[part] = relief.known[at] @ beam.weights
     return heights, lit
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Ellipse
 
 from procedures.range_scenes import REFLECTANCES
 from procedures.roughness_chunks import CASES
@@ -97,7 +97,7 @@ def library_figure(found: RoughnessResults) -> Figure:
     example = found.example
     figure = Figure(figsize=(12.0, 4.3), layout="constrained")
     figure.set_label(
-        "(a) Ground about the footprint with the largest residual; circle: where the beam has "
+        "(a) Ground about the footprint with the largest residual; line: where the beam has "
         "1/e\N{SUPERSCRIPT TWO} of its peak. (b) Its samples without noise (black), with bars of the noise "
         "by day (large) and night (small), and the best pulse of the library of flat slopes (red). (c) "
         "Slope of the ground by slope of the best pulse, as a share of each; red: polynomial through the "
@@ -112,7 +112,8 @@ def library_figure(found: RoughnessResults) -> Figure:
         extent=(-reach_m, reach_m) * 2,
         cmap="cividis",
     )
-    left.add_patch(Circle((0, 0), 2 * found.sigma_m, fill=False, edgecolor="w", lw=2))
+    along_m, across_m = found.sigma_m
+    left.add_patch(Ellipse((0, 0), 4 * along_m, 4 * across_m, fill=False, edgecolor="w", lw=2))
     left.set_xlabel("x, m")
     left.set_ylabel("y, m")
     roughness = float(example["example_roughness_m"])
@@ -233,7 +234,7 @@ def reach_figure(found: RoughnessResults) -> Figure:
     for reflectance, colour in zip(REFLECTANCES, (_PURPLE, _BLUE, _ORANGE), strict=True):
         rows = [one for one in found.reaches if one.reflectance == reflectance]
         for residual in RESIDUALS:
-            powers = [(1e-3 * one.altitude_m, one.power(residual)) for one in rows]
+            powers = [(1e-3 * one.altitude_m, one.powers[residual]) for one in rows]
             there = [(altitude_km, power) for altitude_km, power in powers if power is not None]
             altitudes_km = [one for one, _ in there]
             shares, apart = [100 * one.share for _, one in there], [one.separation for _, one in there]

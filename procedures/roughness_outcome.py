@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,8 +15,17 @@ from procedures.range_scenes import REFLECTANCES
 from procedures.range_truth import Definitions
 from procedures.roughness_chunks import CASES
 from procedures.roughness_region import Region, Trial
-from procedures.roughness_results import LIMITS, RESIDUALS, RoughnessResults
-from procedures.roughness_shape import BINS_M, CONTOURS, LEVELS_V2, LIMIT_V2, MAP_EDGES_M, Power, Shape
+from procedures.roughness_results import LIMITS, RoughnessResults
+from procedures.roughness_shape import (
+    BINS_M,
+    CONTOURS,
+    LEVELS_V2,
+    LIMIT_V2,
+    MAP_EDGES_M,
+    READINGS,
+    Power,
+    Shape,
+)
 from procedures.roughness_statistics import COLUMNS, mean_of
 
 if TYPE_CHECKING:
@@ -25,6 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.campaign_run import CampaignPlan
+    from procedures.library_azimuths import Azimuths
     from procedures.roughness_statistics import Residual
 
 
@@ -46,10 +57,8 @@ def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outco
             "library": _library(found),
             "shape": {case: _shape(found.shapes[case], found.powers[case]) for case in CASES},
             "reach": _reach(found),
-            "region": {
-                residual: {case: _trial(one) for case, one in by_case.items()}
-                for residual, by_case in found.trials.items()
-            },
+            "region": _trials(found.trials),
+            "region_by_curve": _trials(found.curve_trials),
             "definitions": definitions,
         },
         tables=_tables(found),
@@ -75,6 +84,9 @@ _DEFINITIONS = {
     "msr": "MSR: mean squared residual of the samples of the correlation window about the best pulse of the "
     "library of flat slopes, scaled and moved; of the pulse: of samples where that pulse is above a tenth "
     "of its peak alone. Of footprints whose best pulse has 9 to 11 degrees.",
+    "readings": "Other readings of the residual, for comparison: largest, the largest squared one; timed, "
+    "mean over the window about the best pulse that is scaled but not moved, its plane through the ground in "
+    "the middle of the footprint, as where the range is known.",
     "uncertainty": "Standard uncertainties: from the scatter between terrains; footprints share relief.",
     "reach": "The shape tells roughness of single footprints where at least 5 % of those with 0.9 to 1.1 m "
     "leave more than 99 % of those below 0.1 m (by chance 1 % would), and of 100 stacked ones where the mean "
@@ -87,6 +99,9 @@ _NOTES = (
     "regions, not for width and skewness.",
     "The laser's beam is the scene's; a round one makes all azimuths of the library one.",
 )
+
+
+_PREFIX: dict[Residual, str] = {"window": "", "pulse": "pulse_", "largest": "largest_", "timed": "timed_"}
 
 
 def _measured(value: float, uncertainty: float, unit: str) -> dict[str, Any]:
@@ -141,6 +156,8 @@ def _library(found: RoughnessResults) -> dict[str, Any]:
         "pulses": int(found.library.slope_deg.size),
         "slope_bias_deg": _measured(*found.slope_bias_deg, "deg"),
         "share_lower": _measured(*found.slope_lower, "1"),
+        "timed_slope_bias_deg": _measured(*found.timed_slope_bias_deg, "deg"),
+        "azimuths": None if found.azimuths is None else _azimuths(found.azimuths),
         "slopes": [dict(zip(slopes, row, strict=True)) for row in zip(*slopes.values(), strict=True)],
         "example": {
             "roughness_m": float(example["example_roughness_m"]),
@@ -152,22 +169,33 @@ def _library(found: RoughnessResults) -> dict[str, Any]:
     }
 
 
+def _azimuths(one: Azimuths) -> dict[str, Any]:
+    return {
+        "slopes": [asdict(row) for row in one.slopes],
+        "error_deg": {
+            case: _measured(*error, "deg") for case, error in zip(CASES, one.error_deg, strict=True)
+        },
+        "chance_deg": one.chance_deg,
+    }
+
+
 def _shape(one: Shape, powers: dict[Residual, Power | None]) -> dict[str, Any]:
     rows = []
-    for bounds, count, above, pulse in zip(BINS_M, one.counts, one.above, one.pulse_above, strict=True):
-        rows.append(
-            {
-                "roughness_m": list(bounds),
-                "footprints": int(count),
-                "above": None if above is None else _measured(*above, "1"),
-                "pulse_above": None if pulse is None else _measured(*pulse, "1"),
-            }
-        )
+    for number, bounds in enumerate(BINS_M):
+        row: dict[str, Any] = {
+            "roughness_m": list(bounds),
+            "footprints": one.counted["window"][number],
+            "timed_footprints": one.counted["timed"][number],
+        }
+        for residual, prefix in _PREFIX.items():
+            above = one.above[residual][number]
+            row[f"{prefix}above"] = None if above is None else _measured(*above, "1")
+        rows.append(row)
     return {"above_v2": LIMIT_V2, "bins": rows} | _powers(powers)
 
 
 def _powers(powers: Mapping[Residual, Power | None]) -> dict[str, Any]:
-    return {"power": _power(powers["window"]), "pulse_power": _power(powers["pulse"])}
+    return {f"{prefix}power": _power(powers[residual]) for residual, prefix in _PREFIX.items()}
 
 
 def _power(one: Power | None) -> dict[str, Any] | None:
@@ -186,16 +214,21 @@ def _reach(found: RoughnessResults) -> dict[str, Any] | None:
     if not found.altitudes_m:
         return None
     highest: dict[str, Any] = {}
-    for residual, how, reflectance in itertools.product(RESIDUALS, LIMITS, REFLECTANCES):
+    for residual, how, reflectance in itertools.product(READINGS, LIMITS, REFLECTANCES):
         altitude_m, status = found.highest_m(reflectance, how, residual)
         by_how = highest.setdefault(residual, {}).setdefault(how, {})
         by_how[f"{reflectance:g}"] = {"altitude_m": altitude_m, "status": status}
     rows = [
-        {"altitude_m": one.altitude_m, "reflectance": one.reflectance}
-        | _powers({residual: one.power(residual) for residual in RESIDUALS})
+        {"altitude_m": one.altitude_m, "reflectance": one.reflectance} | _powers(one.powers)
         for one in found.reaches
     ]
     return {"tells_from": LIMITS, "highest": highest, "altitudes": rows}
+
+
+def _trials(trials: Mapping[Residual, Mapping[str, Trial]]) -> dict[str, Any]:
+    return {
+        residual: {case: _trial(one) for case, one in by_case.items()} for residual, by_case in trials.items()
+    }
 
 
 def _trial(one: Trial) -> dict[str, Any]:
@@ -208,6 +241,7 @@ def _trial(one: Trial) -> dict[str, Any]:
         "coverage_68": _coverage(one.inside("inside_68_m"), terrains),
         "coverage_95": _coverage(one.inside("inside_95_m"), terrains),
         "dispersion": list(one.dispersion),
+        "width_68": one.width_68,
     }
 
 
@@ -229,9 +263,10 @@ def _coverage(inside: NDArray[np.bool_], terrains: NDArray[np.int64]) -> dict[st
 
 def _tables(found: RoughnessResults) -> dict[str, Table]:
     seen = found.everything
-    units = {"slope_deg": "deg", "roughness_m": "m", "skewness": "1", "raw_skewness": "1"}
+    units = dict.fromkeys(COLUMNS, "1") | {"slope_deg": "deg", "azimuth_deg": "deg", "roughness_m": "m"}
     texts = {
         "slope_deg": "tilt of the plane",
+        "azimuth_deg": "direction of its steepest ascent, from +x towards +y",
         "roughness_m": "standard deviation about it",
         "skewness": "of the heights about it",
         "raw_skewness": "of the heights with their slope",
@@ -245,7 +280,11 @@ def _tables(found: RoughnessResults) -> dict[str, Table]:
             ("width_s", "s", "fitted full width"),
             ("msr_v2", "V2", "mean squared residual"),
             ("pulse_msr_v2", "V2", "the same of the samples of the pulse alone"),
+            ("largest_v2", "V2", "the largest squared residual"),
+            ("timed_msr_v2", "V2", "mean squared residual of the best pulse that is not moved"),
+            ("timed_deg", "deg", "slope of that one"),
             ("library_deg", "deg", "slope of the best pulse"),
+            ("library_azimuth_deg", "deg", "azimuth of the best pulse, the first of those alike"),
         ):
             values = np.ma.masked_array(getattr(seen, name)[0, number], missing)
             columns[f"{name}_{case}"] = (values, unit, f"{text}, {case}")

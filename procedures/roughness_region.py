@@ -12,20 +12,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from procedures.roughness_shape import SLOPE_DEG, WITHIN_DEG
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from procedures.roughness_statistics import Footprints, Residual
 
 GRID_M = np.geomspace(0.01, 1.5, 201)
 FEWEST_OF_REGION = 30
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
+"""Of Gauss and Hermite: for means over the roughness of a region's footprints."""
 _LOWEST, _HIGHEST = (-40.0, math.log(0.05), 0.3), (0.0, math.log(50.0), 4.0)
 """Of c, ln r0 and k."""
 
@@ -79,9 +82,23 @@ class Simulated:
         slopes = np.stack([(self._means(at + one) - self._means(at - one)) / 2e-4 for one in steps])
         return self._means(at), np.einsum("ig,ij,jg->g", slopes, covariance, slopes)
 
+    def growth(self, log_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far the mean logarithm is above that of smooth ground, by logarithms of roughness."""
+        at = self._fit[0]
+        return np.asarray(_curve(log_m, at) - at[0])
+
     def _means(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        log_m = np.log(GRID_M)[:, None] + self.width * _NODES
-        return np.asarray(_curve(log_m, at) @ (_WEIGHTS / _WEIGHTS.sum()))
+        log_m = np.log(GRID_M)[:, None] + self.width * NODES
+        return np.asarray(_curve(log_m, at) @ (WEIGHTS / WEIGHTS.sum()))
+
+    @cached_property
+    def dispersion(self) -> float:
+        """By how much means of terrains scatter more about the expected ones than they should; at least 1."""
+        return dispersion_of_means(self)
+
+    def region(self, msr_v2: NDArray[np.float64]) -> Region:
+        """Estimate a region's roughness from its residuals, V^2, shape (n,)."""
+        return estimate(self, msr_v2, self.dispersion)
 
     @property
     def variance(self) -> float:
@@ -127,10 +144,15 @@ def estimate(simulated: Simulated, msr_v2: NDArray[np.float64], dispersion: floa
     """
     away, variance = _away(simulated, msr_v2)
     log_likelihood = -0.5 * away**2 / (dispersion * variance) - 0.5 * np.log(variance)
+    return likeliest(log_likelihood, msr_v2.size)
+
+
+def likeliest(log_likelihood: NDArray[np.float64], footprints: int) -> Region:
+    """Return the most likely roughness of `GRID_M`, and intervals with a flat prior in its logarithm."""
     chance = np.exp(log_likelihood - log_likelihood.max())
     chance /= chance.sum()
     best = float(GRID_M[np.argmax(chance)])
-    return Region(best, _narrowest(chance, 0.68), _narrowest(chance, 0.95), int(msr_v2.size))
+    return Region(best, _narrowest(chance, 0.68), _narrowest(chance, 0.95), footprints)
 
 
 def _away(
@@ -167,13 +189,38 @@ class Trial:
     found: tuple[Region, ...]
     dispersion: tuple[float, ...]
 
+    @property
+    def width_68(self) -> float | None:
+        """Median ratio of the ends of ``inside_68_m``, of terrains of 0.3 m and more; None without any."""
+        spans = np.array([one.inside_68_m for one in self.found]).reshape(-1, 2)[self.truth_m >= 0.3]
+        return float(np.median(spans[:, 1] / spans[:, 0])) if len(spans) else None
+
     def inside(self, share: str) -> NDArray[np.bool_]:
         """Which truths lie in ``inside_68_m`` or ``inside_95_m``."""
         spans = np.array([getattr(one, share) for one in self.found]).reshape(-1, 2)
         return np.asarray((self.truth_m >= spans[:, 0]) & (self.truth_m <= spans[:, 1]))
 
 
-def trial(seen: Footprints, sets: NDArray[np.int64], case: int, residual: Residual) -> Trial:
+class Stack(Protocol):
+    """Simulated footprints, with which a region is compared."""
+
+    @property
+    def dispersion(self) -> float:
+        """By how much terrains scatter more than strangers."""
+        ...
+
+    def region(self, msr_v2: NDArray[np.float64]) -> Region:
+        """Estimate a region's roughness."""
+        ...
+
+
+def trial(
+    seen: Footprints,
+    sets: NDArray[np.int64],
+    case: int,
+    residual: Residual,
+    stacked: Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]], Stack] = Simulated,
+) -> Trial:
     """Estimate the roughness of each terrain of each set, with the terrains of the other sets.
 
     Parameters
@@ -186,26 +233,28 @@ def trial(seen: Footprints, sets: NDArray[np.int64], case: int, residual: Residu
         Of noise.
     residual : {"window", "pulse"}
         As in `procedures.roughness_shape.power`.
+    stacked : callable
+        Makes of roughness, residuals and terrains what estimates: by mean logarithms, or
+        `procedures.roughness_curves.StackedCurves`.
     """
-    near = seen.near(case, SLOPE_DEG, WITHIN_DEG)
+    near = seen.near(case, SLOPE_DEG, WITHIN_DEG, 0, residual)
     roughness_m, msr_v2 = seen.roughness_m[near], seen.residual_v2(residual, case)[near]
     terrain, own = seen.ground[near], sets[near]
     truth, found, dispersions = [], [], []
     for number in np.unique(own):
         others = own != number
-        simulated = Simulated(roughness_m[others], msr_v2[others], terrain[others])
-        dispersion = _dispersion(simulated)
-        dispersions.append(dispersion)
+        simulated = stacked(roughness_m[others], msr_v2[others], terrain[others])
+        dispersions.append(simulated.dispersion)
         for one in np.unique(terrain[~others]):
             at = terrain == one
             if at.sum() >= FEWEST_OF_REGION:
                 truth.append(np.exp(np.log(roughness_m[at]).mean()))
-                found.append(estimate(simulated, msr_v2[at], dispersion))
+                found.append(simulated.region(msr_v2[at]))
     return Trial(np.array(truth), tuple(found), tuple(dispersions))
 
 
-def _dispersion(simulated: Simulated) -> float:
-    """By how much the means of terrains scatter more about the expected ones than they should; at least 1."""
+def dispersion_of_means(simulated: Simulated) -> float:
+    """Return how much more means of terrains scatter about the expected ones than they should; at least 1."""
     squares = []
     for one in np.unique(simulated.terrain):
         at = simulated.terrain == one

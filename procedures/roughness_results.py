@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from procedures.footprint_moments import disc, white_skewness
+from procedures.library_azimuths import Azimuths, azimuths
 from procedures.pulse_library import PulseLibrary
 from procedures.range_ground import SPACING_M
 from procedures.range_scenes import MEAN_REFLECTANCE, REFLECTANCES
 from procedures.roughness_chunks import CASES, library_of, noise_rms_v
-from procedures.roughness_region import Trial, trial
-from procedures.roughness_shape import Power, Shape, power, shape, slopes_by_library
+from procedures.roughness_curves import StackedCurves
+from procedures.roughness_region import Simulated, Trial, trial
+from procedures.roughness_shape import READINGS, Power, Shape, power, shape, slopes_by_library
 from procedures.roughness_statistics import Footprints, gathered, joined, mean_of
 from procedures.roughness_width import WidthRoughness, terms_s, width_roughness
 from sim.draws import Draws
@@ -45,18 +47,13 @@ class Reach:
     ----------
     altitude_m, reflectance : float
         From where, and of the ground.
-    window, pulse : Power or None
-        By both residuals; None with too few footprints that were detected.
+    powers : dict of Power or None
+        By residual; None with too few footprints that were detected.
     """
 
     altitude_m: float
     reflectance: float
-    window: Power | None
-    pulse: Power | None
-
-    def power(self, residual: Residual) -> Power | None:
-        """By one of the residuals."""
-        return self.window if residual == "window" else self.pulse
+    powers: dict[Residual, Power | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,9 +119,9 @@ class RoughnessResults:
         return found
 
     @cached_property
-    def sigma_m(self) -> float:
-        """Standard deviation of the beam on the ground, m."""
-        return beam_sigma_m(self.scene.laser, self.scene.altitude_m)[0]
+    def sigma_m(self) -> tuple[float, float]:
+        """Standard deviations of the beam on the ground along x and y, m."""
+        return beam_sigma_m(self.scene.laser, self.scene.altitude_m)
 
     @cached_property
     def noise_v(self) -> dict[str, float]:
@@ -151,7 +148,9 @@ class RoughnessResults:
         return self._white(SPACING_M)
 
     def _white(self, spacing_m: float) -> NDArray[np.float64]:
-        posts = disc(spacing_m, self.sigma_m, by_beam=bool(self.plan.chunks[0].given["by_beam"]))
+        along_m, across_m = self.sigma_m
+        by_beam = bool(self.plan.chunks[0].given["by_beam"])
+        posts = disc(spacing_m, along_m, across_m=across_m, by_beam=by_beam)
         return white_skewness(posts, spacing_m, WHITE, Draws(self.plan.seed, 0).stream("white"))
 
     @cached_property
@@ -185,7 +184,7 @@ class RoughnessResults:
         """Rough against smooth, by case and residual."""
         stream = Draws(self.plan.seed, 0).stream("bootstrap")
         return {
-            case: {one: power(self.everything, number, 0, one, stream) for one in RESIDUALS}
+            case: {one: power(self.everything, number, 0, one, stream) for one in READINGS}
             for number, case in enumerate(CASES)
         }
 
@@ -197,19 +196,31 @@ class RoughnessResults:
     @cached_property
     def slope_bias_deg(self) -> tuple[float, float]:
         """Mean of the library's slope less that of the ground, without noise, over the fractals."""
-        return mean_of(*self._slope_errors)
+        return mean_of(*self._slope_errors("window"))
 
     @cached_property
     def slope_lower(self) -> tuple[float, float]:
         """Share of footprints whose best pulse has less than the slope of the ground."""
-        error_deg, ground = self._slope_errors
+        error_deg, ground = self._slope_errors("window")
         return mean_of((error_deg < 0).astype(np.float64), ground)
 
     @cached_property
-    def _slope_errors(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def timed_slope_bias_deg(self) -> tuple[float, float]:
+        """The bias of best pulses that are not moved in time."""
+        return mean_of(*self._slope_errors("timed"))
+
+    def _slope_errors(self, residual: Residual) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         seen = self.fractals
         serves = (seen.width_s[0, 0] > 0) & (seen.slope_deg < self.library.slope_deg.max() - 1)
-        return seen.library_deg[0, 0][serves] - seen.slope_deg[serves], seen.ground[serves]
+        return seen.best_deg(residual, 0)[serves] - seen.slope_deg[serves], seen.ground[serves]
+
+    @cached_property
+    def azimuths(self) -> Azimuths | None:
+        """What the azimuth of a slope does to its pulse; None with a round beam."""
+        if np.unique(self.library.azimuth_deg).size == 1:
+            return None
+        size = self.scene.receiver_spec.correlation_window_samples
+        return azimuths(self.fractals, self.library, size)
 
     @cached_property
     def example(self) -> dict[str, NDArray[Any]]:
@@ -236,8 +247,8 @@ class RoughnessResults:
             seen = gathered(self._at(altitude_m), self._results_at(altitude_m), "altitude")
             assert seen is not None
             for number, reflectance in enumerate(REFLECTANCES):
-                by_both = (power(seen, 0, number, one, stream) for one in RESIDUALS)
-                found.append(Reach(altitude_m, reflectance, *by_both))
+                powers = {one: power(seen, 0, number, one, stream) for one in READINGS}
+                found.append(Reach(altitude_m, reflectance, powers))
         return tuple(sorted(found, key=lambda one: (one.reflectance, one.altitude_m)))
 
     @property
@@ -270,7 +281,7 @@ class RoughnessResults:
         "beyond": from all of them; "too_few": no altitude has enough.
         """
         found = [
-            (one.altitude_m, one.power(residual)) for one in self.reaches if one.reflectance == reflectance
+            (one.altitude_m, one.powers[residual]) for one in self.reaches if one.reflectance == reflectance
         ]
         rows = [
             (altitude_m, one.share if how == "single" else one.separation)
@@ -290,10 +301,18 @@ class RoughnessResults:
     @cached_property
     def trials(self) -> dict[Residual, dict[str, Trial]]:
         """Regional estimates of terrains by the other sets, by residual, by night and by day."""
+        return self._trials(Simulated)
+
+    @cached_property
+    def curve_trials(self) -> dict[Residual, dict[str, Trial]]:
+        """The same from whole cumulative curves in place of mean logarithms."""
+        return self._trials(StackedCurves)
+
+    def _trials(self, stacked: type[Simulated | StackedCurves]) -> dict[Residual, dict[str, Trial]]:
         seen = joined([self.fractals, self._of("extra")])
         numbers = [re.search(r"set (\d+)", one.name) for one in self.plan.chunks]
         sets = np.array([-1 if one is None else int(one[1]) for one in numbers])[seen.chunk]
         return {
-            residual: {case: trial(seen, sets, CASES.index(case), residual) for case in CASES[1:]}
+            residual: {case: trial(seen, sets, CASES.index(case), residual, stacked) for case in CASES[1:]}
             for residual in RESIDUALS
         }

@@ -26,6 +26,8 @@ LEVELS_V2 = np.geomspace(1e-10, 1e-4, 241)
 MAP_EDGES_M = np.arange(0.0, 2.01, 0.1)
 FEWEST = 20
 """Footprints in a bin of a map."""
+READINGS: tuple[Residual, ...] = ("window", "pulse", "largest", "timed")
+"""What the paper's residual may be: of the pulse's samples alone; no mean; of a pulse not moved in time."""
 STACKED = 100
 """Footprints of a region."""
 
@@ -40,9 +42,10 @@ class Shape:
         Share of MSR at or below `LEVELS_V2`, by `BINS_M`; zero in a bin without footprints.
     counts : ndarray of int64, shape (3,)
         Footprints in these bins.
-    above, pulse_above : tuple of (float, float) or None
-        Share above 1 mV^2 by bin, with uncertainties: of the whole correlation window, and of the samples
-        where the best pulse is above a tenth of its peak alone.
+    above : dict of tuple of (float, float) or None
+        Share above 1 mV^2 by bin, with uncertainties, by residual.
+    counted : dict of tuple of int
+        Of so many footprints.
     cells : ndarray of float64, shape (bins, levels)
         The same shares by bins of `MAP_EDGES_M`.
     cell_counts : ndarray of int64, shape (bins,)
@@ -53,8 +56,8 @@ class Shape:
 
     curves: NDArray[np.float64]
     counts: NDArray[np.int64]
-    above: tuple[tuple[float, float] | None, ...]
-    pulse_above: tuple[tuple[float, float] | None, ...]
+    above: dict[Residual, tuple[tuple[float, float] | None, ...]]
+    counted: dict[Residual, tuple[int, ...]]
     cells: NDArray[np.float64]
     cell_counts: NDArray[np.int64]
     contours_v2: NDArray[np.float64]
@@ -64,24 +67,14 @@ def shape(seen: Footprints, case: int, reflectance: int = 0) -> Shape:
     """Sort residuals by roughness; of footprints whose best pulse has the slope."""
     near = seen.near(case, SLOPE_DEG, WITHIN_DEG, reflectance)
     roughness_m, msr_v2 = seen.roughness_m[near], seen.msr_v2[reflectance, case][near]
-    cluster = seen.ground[near]
     inside = [between(roughness_m, one) for one in BINS_M]
-    above, pulse_above = (
-        tuple(
-            mean_of((values[near][at] > LIMIT_V2).astype(np.float64), cluster[at]) if at.any() else None
-            for at in inside
-        )
-        for values in (
-            seen.residual_v2("window", case, reflectance),
-            seen.residual_v2("pulse", case, reflectance),
-        )
-    )
+    shares = {residual: _above(seen, case, reflectance, residual) for residual in READINGS}
     cells = [between(roughness_m, pair) for pair in itertools.pairwise(MAP_EDGES_M)]
     return Shape(
         np.array([cumulative(msr_v2[at], LEVELS_V2) for at in inside]),
         np.array([at.sum() for at in inside]),
-        above,
-        pulse_above,
+        {residual: share for residual, (share, _) in shares.items()},
+        {residual: count for residual, (_, count) in shares.items()},
         np.array([cumulative(msr_v2[at], LEVELS_V2) for at in cells]),
         np.array([at.sum() for at in cells]),
         np.array(
@@ -91,6 +84,17 @@ def shape(seen: Footprints, case: int, reflectance: int = 0) -> Shape:
             ]
         ),
     )
+
+
+def _above(
+    seen: Footprints, case: int, reflectance: int, residual: Residual
+) -> tuple[tuple[tuple[float, float] | None, ...], tuple[int, ...]]:
+    """Shares above 1 mV^2 by bin of roughness, and of how many footprints."""
+    near = seen.near(case, SLOPE_DEG, WITHIN_DEG, reflectance, residual)
+    high = (seen.residual_v2(residual, case, reflectance) > LIMIT_V2).astype(np.float64)
+    inside = [near & between(seen.roughness_m, one) for one in BINS_M]
+    shares = (mean_of(high[at], seen.ground[at]) if at.any() else None for at in inside)
+    return tuple(shares), tuple(int(at.sum()) for at in inside)
 
 
 def between(roughness_m: NDArray[np.float64], span_m: tuple[float, float]) -> NDArray[np.bool_]:
@@ -135,12 +139,12 @@ def power(
         All of one altitude.
     case, reflectance : int
         Which of theirs.
-    residual : {"window", "pulse"}
-        Of all samples, or of those where the best pulse is above a tenth of its peak.
+    residual : {"window", "pulse", "largest", "timed"}
+        As in `procedures.roughness_statistics.Footprints.residual_v2`.
     stream : numpy.random.Generator
         For a bootstrap.
     """
-    near = seen.near(case, SLOPE_DEG, WITHIN_DEG, reflectance)
+    near = seen.near(case, SLOPE_DEG, WITHIN_DEG, reflectance, residual)
     smooth = near & between(seen.roughness_m, SMOOTH_M)
     rough = near & between(seen.roughness_m, ROUGH_M)
     if smooth.sum() < 5 * FEWEST or rough.sum() < FEWEST:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from belahil.campaign_run import CampaignPlan
 
     Mask = NDArray[np.bool_]
-    Residual = Literal["window", "pulse"]
+    Residual = Literal["window", "pulse", "largest", "timed"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,15 +33,17 @@ class Footprints:
         From which chunk.
     ground : ndarray of int64
         On which relief: that of a terrain is the same at every tilt.
-    slope_deg, roughness_m, skewness, raw_skewness : ndarray of float64
+    slope_deg, azimuth_deg, roughness_m, skewness, raw_skewness : ndarray of float64
         Of the ground.
-    width_s, amplitude, msr_v2, pulse_msr_v2, library_deg : ndarray of float64
+    width_s, amplitude, msr_v2, pulse_msr_v2, largest_v2, timed_msr_v2, library_deg, library_azimuth_deg, \
+    timed_deg : ndarray of float64
         Of the echo, by reflectance and case; zero width where it was not detected.
     """
 
     chunk: NDArray[np.int64]
     ground: NDArray[np.int64]
     slope_deg: NDArray[np.float64]
+    azimuth_deg: NDArray[np.float64]
     roughness_m: NDArray[np.float64]
     skewness: NDArray[np.float64]
     raw_skewness: NDArray[np.float64]
@@ -49,7 +51,11 @@ class Footprints:
     amplitude: NDArray[np.float64]
     msr_v2: NDArray[np.float64]
     pulse_msr_v2: NDArray[np.float64]
+    largest_v2: NDArray[np.float64]
+    timed_msr_v2: NDArray[np.float64]
     library_deg: NDArray[np.float64]
+    library_azimuth_deg: NDArray[np.float64]
+    timed_deg: NDArray[np.float64]
 
     @property
     def size(self) -> int:
@@ -57,18 +63,54 @@ class Footprints:
         return self.chunk.size
 
     def residual_v2(self, residual: Residual, case: int, reflectance: int = 0) -> NDArray[np.float64]:
-        """Mean squared residuals: of all samples of the window, or of those of the pulse alone."""
-        found = self.msr_v2 if residual == "window" else self.pulse_msr_v2
+        """Return squared residuals, V^2.
+
+        Parameters
+        ----------
+        residual : {"window", "pulse", "largest", "timed"}
+            Mean over all samples of the window; over those of the pulse alone; the largest of them; mean over
+            all about the best pulse that is not moved in time.
+        case, reflectance : int
+            Which.
+        """
+        found = {
+            "window": self.msr_v2,
+            "pulse": self.pulse_msr_v2,
+            "largest": self.largest_v2,
+            "timed": self.timed_msr_v2,
+        }[residual]
         return np.asarray(found[reflectance, case])
 
-    def near(self, case: int, slope_deg: float, within_deg: float, reflectance: int = 0) -> Mask:
+    def best_deg(self, residual: Residual, case: int, reflectance: int = 0) -> NDArray[np.float64]:
+        """Return the slope of the best pulse, which a residual is about, deg."""
+        found = self.timed_deg if residual == "timed" else self.library_deg
+        return np.asarray(found[reflectance, case])
+
+    def near(
+        self,
+        case: int,
+        slope_deg: float,
+        within_deg: float,
+        reflectance: int = 0,
+        residual: Residual = "window",
+    ) -> Mask:
         """Detected footprints whose best pulse has a slope."""
-        off = np.abs(self.library_deg[reflectance, case] - slope_deg)
+        off = np.abs(self.best_deg(residual, case, reflectance) - slope_deg)
         return np.asarray((self.width_s[reflectance, case] > 0) & (off <= within_deg))
 
 
-COLUMNS = ("slope_deg", "roughness_m", "skewness", "raw_skewness")
-ECHOES = ("width_s", "amplitude", "msr_v2", "pulse_msr_v2", "library_deg")
+COLUMNS = ("slope_deg", "azimuth_deg", "roughness_m", "skewness", "raw_skewness")
+ECHOES = (
+    "width_s",
+    "amplitude",
+    "msr_v2",
+    "pulse_msr_v2",
+    "largest_v2",
+    "timed_msr_v2",
+    "library_deg",
+    "library_azimuth_deg",
+    "timed_deg",
+)
 
 
 def gathered(plan: CampaignPlan, results: Sequence[dict[str, NDArray[Any]]], kind: str) -> Footprints | None:

@@ -18,19 +18,29 @@ from belahil.errors import RefusedInput
 from procedures import roughness_chunks
 from procedures.campaign_roughness import ALTITUDES_M, FACTORS, TILTS_DEG, RoughnessOptions, plan
 from procedures.footprint_moments import disc, white_skewness
+from procedures.library_azimuths import azimuth_of_slope, folded_deg
 from procedures.pulse_library import pulse_library
 from procedures.range_scenes import base_scene
 from procedures.roughness_chunks import footprints, library_of, noise_rms_v, over_fractal, over_terrain
+from procedures.roughness_curves import StackedCurves
 from procedures.roughness_region import GRID_M, Simulated, estimate, trial
 from procedures.roughness_results import WHITE, RoughnessResults
 from procedures.roughness_shape import LEVELS_V2, power, shape
-from procedures.roughness_statistics import Footprints, cumulative, joined, mean_of, quantile_of
+from procedures.roughness_statistics import (
+    COLUMNS,
+    ECHOES,
+    Footprints,
+    cumulative,
+    joined,
+    mean_of,
+    quantile_of,
+)
 from procedures.roughness_width import FWHM_OF_SIGMA, flat_width_s, terms_s, width_roughness
 from procedures.study_ground import LEVELS
 from sim.constants import SPEED_OF_LIGHT_M_PER_S
 from sim.draws import Draws
 from sim.laser import beam_sigma_m
-from sim.scene import as_toml
+from sim.scene import as_toml, parse_scene
 from sim.terrain import Surface, boulder, tilted
 from sim.terrain_grid import Grid
 
@@ -52,8 +62,9 @@ def made(
     one = np.ones(roughness_m.size)
     row = one[None, None, :]
     return Footprints(
-        ground, ground, 10 * one, roughness_m, 0 * one, 0 * one,
-        30e-9 * row, row, msr_v2[None, None, :], msr_v2[None, None, :], library_deg * row,
+        ground, ground, 10 * one, 0 * one, roughness_m, 0 * one, 0 * one,
+        30e-9 * row, row, *(msr_v2[None, None, :] for _ in range(4)), library_deg * row, 0 * row,
+        library_deg * row,
     )  # fmt: skip
 
 
@@ -101,9 +112,10 @@ def test_shape_sorts_residuals_by_roughness() -> None:
     one = shape(made(rough, msr, np.arange(600) % 10), 0)
 
     assert one.counts.tolist() == [200, 200, 200]
-    assert [above[0] if above else None for above in one.above][:2] == [0.0, 0.0]
-    assert one.above[2] is not None
-    assert one.above[2][0] == pytest.approx((msr[400:] > 1e-6).mean())
+    for shares in one.above.values():
+        assert [share[0] if share else None for share in shares][:2] == [0.0, 0.0]
+        assert shares[2] is not None
+        assert shares[2][0] == pytest.approx((msr[400:] > 1e-6).mean())
     assert one.contours_v2[:, 0] == pytest.approx(1e-8)
     assert np.isnan(one.contours_v2[0, 1])
     assert one.curves[0][np.searchsorted(LEVELS_V2, 1.1e-8)] == 1.0
@@ -173,11 +185,7 @@ def test_white_relief_has_its_roughness_by_width() -> None:
         level.values + 0.8 * draws.standard_normal(level.values.shape), 1.5, level.x_min_m, level.y_min_m
     )
     found = footprints(SCENE, rough, 12, ["free"], [0.17], False, Draws(1, 2))
-    seen = Footprints(
-        np.arange(144), np.arange(144), found["slope_deg"], found["roughness_m"], found["skewness"],
-        found["raw_skewness"], found["width_s"], found["amplitude"], found["msr_v2"], found["pulse_msr_v2"],
-        found["library_deg"],
-    )  # fmt: skip
+    seen = Footprints(np.arange(144), np.arange(144), *(found[name] for name in (*COLUMNS, *ECHOES)))
 
     width = width_roughness(seen, library_of(SCENE), 0)
 
@@ -211,6 +219,9 @@ def test_flat_ground_is_found_in_its_library(slope_deg: float, altitude_m: float
     assert np.all(found["library_deg"][0, 0] == slope_deg)
     assert found["msr_v2"][0, 0].max() < 1e-9
     assert found["amplitude"][0, 0] == pytest.approx(1.0, abs=2e-3)
+    # and a pulse that is not moved is at its place
+    assert np.all(found["timed_deg"][0, 0] == slope_deg)
+    assert found["timed_msr_v2"][0, 0].max() < 1e-9
     # and by night what is left is the noise, three of whose 42 degrees of freedom were fitted
     noise_v2 = noise_rms_v(base_scene(altitude_m), "night", 0.17) ** 2
     assert 0.5 < found["msr_v2"][0, 1].mean() / (noise_v2 * 39 / 42) < 1.6
@@ -238,6 +249,7 @@ def test_a_cliff_leaves_what_no_slope_explains() -> None:
     assert broken["example_msr_v2"] == broken["msr_v2"][0, 0, 0]
     left = broken["example_samples_v"] - broken["example_best_v"]
     assert float(np.mean(left**2)) == pytest.approx(float(broken["example_msr_v2"]), rel=1e-9)
+    assert broken["largest_v2"][0, 0, 0] == pytest.approx(float((left**2).max()), rel=1e-9)
 
 
 @pytest.mark.parametrize(("across_m", "least_v2", "most_v2"), [(5.0, 0.5e-6, 2e-6), (-5.0, 0.0, 0.2e-6)])
@@ -274,15 +286,18 @@ def region_truth(draws: np.random.Generator, middle_m: float, count: int) -> tup
     return rough, 0.6e-6 * (1 + (rough / 0.9) ** 2) * np.exp(0.2 * draws.standard_normal(count))
 
 
+@pytest.mark.parametrize("stacked", [Simulated, StackedCurves])
 @pytest.mark.parametrize("residual", ["window", "pulse"])
-def test_intervals_of_regions_hold_what_they_promise(residual: Literal["window", "pulse"]) -> None:
+def test_intervals_of_regions_hold_what_they_promise(
+    residual: Literal["window", "pulse"], stacked: type[Simulated | StackedCurves]
+) -> None:
     # given regions of 0.02 to 1 m, in two sets
     draws = np.random.default_rng(21)
     parts = [region_truth(draws, middle, 150) for middle in np.tile(np.geomspace(0.02, 1.0, 30), 2)]
     ground = np.repeat(np.arange(60), 150)
     seen = made(*(np.concatenate(one) for one in zip(*parts, strict=True)), ground)
 
-    found = trial(seen, ground // 30, 0, residual)
+    found = trial(seen, ground // 30, 0, residual, stacked)
 
     # then 68 and 95 % of the truths lie inside, to what 60 regions tell, or more: there is a lowest roughness
     assert found.truth_m.size == 60
@@ -294,6 +309,24 @@ def test_intervals_of_regions_hold_what_they_promise(residual: Literal["window",
     assert all(
         one.inside_95_m[1] < 0.5 for one, at in zip(found.found, found.truth_m < 0.1, strict=True) if at
     )
+
+
+def test_a_stacked_curve_is_that_of_a_region() -> None:
+    # given many terrains, and a region of 0.4 m with many footprints
+    draws = np.random.default_rng(6)
+    parts = [region_truth(draws, middle, 400) for middle in np.geomspace(0.1, 1.2, 80)]
+    simulated = StackedCurves(
+        *(np.concatenate(one) for one in zip(*parts, strict=True)), np.repeat(np.arange(80), 400)
+    )
+    _, msr_v2 = region_truth(draws, 0.4, 20_000)
+
+    expected = simulated.shares[np.argmin(np.abs(GRID_M - 0.4))]
+
+    # then its residuals fall into the classes as the stacked curve tells, to what 400 footprints a terrain do
+    shares = np.histogram(msr_v2, [0.0, *simulated.levels_v2, np.inf])[0] / msr_v2.size
+    assert expected == pytest.approx(shares, abs=0.02)
+    # and strangers scatter no more than they should
+    assert simulated.dispersion == pytest.approx(1.0, abs=0.3)
 
 
 def test_smooth_ground_has_an_upper_limit_only() -> None:
@@ -431,7 +464,16 @@ def test_a_block_without_a_whole_footprint_tells_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    "given", [{"altitude_m": 99e3}, {"sets": 1}, {"per_side": 1}, {"seed": -1}, {"ground_seed": -1}]
+    "given",
+    [
+        {"altitude_m": 99e3},
+        {"sets": 1},
+        {"per_side": 1},
+        {"seed": -1},
+        {"ground_seed": -1},
+        {"ellipticity": -0.1},
+        {"ellipticity": 0.95},
+    ],
 )
 def test_an_option_outside_its_range_is_refused(given: dict[str, float]) -> None:
     with pytest.raises(RefusedInput):
@@ -443,6 +485,36 @@ def test_the_library_of_a_lopsided_beam_has_its_azimuths() -> None:
     scene = structs.replace(scene, laser=structs.replace(scene.laser, beam="elliptical", ellipticity=0.2))
 
     assert pulse_library(scene, (10.0,)).azimuth_deg.size == 4
+
+
+def test_an_oval_beam_reaches_every_chunk_of_the_campaign() -> None:
+    chunks = plan(RoughnessOptions(ellipticity=0.3)).chunks
+
+    lasers = {parse_scene(one.given["scene"]).laser for one in chunks}
+    assert {(one.beam, one.ellipticity) for one in lasers} == {("elliptical", 0.3)}
+
+
+def test_a_slope_of_another_azimuth_is_taken_for_another_slope() -> None:
+    # given an elliptical Gaussian, whose profile along any line is a Gaussian
+    scene = base_scene()
+    laser = structs.replace(scene.laser, beam="elliptical", ellipticity=0.2)
+    oval = pulse_library(structs.replace(scene, laser=laser), tuple(range(8, 16)), (0.0, 90.0))
+
+    found = azimuth_of_slope(oval, 10.0, 42)
+
+    # then a slope along the short axis gives the pulse of tan(slope) times long over short axis, to a step
+    across_deg = math.degrees(math.atan(math.tan(math.radians(10.0)) / (1 - 0.2)))
+    assert abs(found.wrong_azimuth_deg - across_deg) <= 0.5
+    assert found.long_s > found.short_s
+    # and leaves less than between two slopes of the library, but for the slope held much more
+    assert found.wrong_azimuth_msr_v2 < 0.01e-6 < 5 * found.wrong_azimuth_msr_v2 + 0.05e-6
+    assert found.same_slope_msr_v2 > 10 * found.wrong_azimuth_msr_v2
+
+
+def test_azimuths_are_folded_to_a_quarter() -> None:
+    assert folded_deg(np.array([0.0, 30.0, 90.0, 150.0, 180.0, -135.0, 350.0])) == pytest.approx(
+        [0.0, 30.0, 90.0, 30.0, 0.0, 45.0, 10.0]
+    )
 
 
 @pytest.mark.slow

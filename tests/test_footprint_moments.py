@@ -22,11 +22,11 @@ def relief(seed: int = 3, extent_m: float = 120.0) -> Grid:
 
 
 @pytest.mark.parametrize("by_beam", [False, True])
-@pytest.mark.parametrize("seed", [1, 2])
-def test_footprints_are_those_of_the_plane_fit(seed: int, by_beam: bool) -> None:
+@pytest.mark.parametrize(("seed", "across_m"), [(1, None), (2, None), (1, 2.5), (2, 5.0)])
+def test_footprints_are_those_of_the_plane_fit(seed: int, across_m: float | None, by_beam: bool) -> None:
     # given footprints on relief
-    ground, posts = relief(seed), disc(1.5, 4.0, by_beam=by_beam)
-    row, column = even_places(ground, 20.0, 4, 1.0)
+    ground, posts = relief(seed), disc(1.5, 4.0, across_m=across_m, by_beam=by_beam)
+    row, column = even_places(ground, 25.0, 4, 1.0)
 
     found, whole = described(ground, row, column, posts)
 
@@ -126,6 +126,17 @@ def test_places_lie_evenly_and_apart(per_side: int | None, apart_m: float) -> No
             assert np.diff(places).min() * 1.5 >= apart_m - 1.5
         else:
             assert places.size == per_side
+
+
+def test_an_oval_footprint_ends_where_the_beam_has_fallen_to_a_share() -> None:
+    # given a beam of 8 and 5 m, and every post about it
+    row, column = np.mgrid[-40:41, -40:41]
+    beam = np.exp(-0.5 * ((column / 8.0) ** 2 + (row / 5.0) ** 2))
+
+    posts = disc(1.0, 8.0, across_m=5.0)
+
+    bright = set(zip(row[beam >= np.exp(-2.0)].tolist(), column[beam >= np.exp(-2.0)].tolist(), strict=True))
+    assert set(zip(posts.rows.tolist(), posts.columns.tolist(), strict=True)) == bright
 
 
 def test_a_disc_is_even_about_both_axes() -> None:

@@ -18,6 +18,7 @@ from procedures.pulse_library import (
     mean_fit,
     plane_chain,
     pulse_library,
+    timed_matches,
 )
 from sim.presets import laser_preset
 from sim.scene import Scene
@@ -151,6 +152,33 @@ def test_the_best_match_is_that_of_trying_everything(
     for row in range(6):
         expected = obvious(library, volts[row], float(arrival_s[row]))
         assert found.msr_v2[row] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("noise_v", "late_s"), [(0.0, 0.0), (0.8e-3, 0.0), (0.8e-3, 4e-9)])
+def test_a_timed_match_is_that_of_trying_every_pulse_where_it_is(
+    library: PulseLibrary, noise_v: float, late_s: float
+) -> None:
+    # given pulses, some later than their plane tells
+    draws = np.random.default_rng(4)
+    pulse = draws.integers(0, len(library.volts), 8)
+    volts, arrival_s = samples(library, pulse, np.full(8, 1.4), np.zeros(8), 6)
+    volts = volts + noise_v * draws.standard_normal(volts.shape)
+    zero_s = arrival_s - library.delay_s[pulse] - late_s
+
+    found = timed_matches(library, volts, zero_s)
+
+    for row in range(8):
+        left = []
+        for number, delay_s in enumerate(library.delay_s):
+            times_s = (T_S * np.arange(WINDOW) - zero_s[row] - delay_s)[None, :]
+            model = library.at(np.array([number]), times_s)[0][0]
+            _, rest, _, _ = np.linalg.lstsq(model[:, None], volts[row], rcond=None)
+            left.append(float(rest[0]) / WINDOW)
+        assert found.msr_v2[row] == pytest.approx(min(left), rel=1e-6, abs=1e-18)
+        assert found.pulse[row] == int(np.argmin(left))
+    if noise_v == 0:
+        assert np.array_equal(found.pulse, pulse)
+        assert found.factor == pytest.approx(1.4, rel=1e-6)
 
 
 def test_a_window_that_no_pulse_resembles_keeps_all_its_square(library: PulseLibrary) -> None:
