@@ -13,14 +13,11 @@ from msgspec import Meta, field
 
 from belahil import strict_toml
 from belahil.errors import ConfigError
-from belahil.generators import DEFAULT_MODEL, FAMILIES
+from belahil.generators import DEFAULT_MODEL, FAMILIES, MODELS
 from belahil.receiver import RECEIVERS, ReceiverSpec, receiver_preset
 from belahil.strict_toml import NotNegative, Positive, Strict
 
 Span = tuple[float, float]
-
-LOAD_OHM = (1.0, 10e3)
-"""Load settings of the 33500 and 33600 families beside high impedance (their public manuals)."""
 
 
 class BenchTable(Strict, frozen=True):
@@ -262,10 +259,9 @@ def check_bench(config: BenchConfig) -> None:
             f'[generator] driver = "{config.generator.driver}" is unknown; allowed: {", ".join(FAMILIES)}'
         )
     load_ohm = config.generator.load_ohm
-    if not (LOAD_OHM[0] <= load_ohm <= LOAD_OHM[1] or math.isinf(load_ohm) or math.isnan(load_ohm)):
-        raise ConfigError(
-            f"[generator] load_ohm = {load_ohm:g}: allowed: {LOAD_OHM[0]:g} to {LOAD_OHM[1]:g} ohm, or inf"
-        )
+    least, most = MODELS[DEFAULT_MODEL[config.generator.driver]].load_span_ohm
+    if not (least <= load_ohm <= most or math.isinf(load_ohm) or math.isnan(load_ohm)):
+        raise ConfigError(f"[generator] load_ohm = {load_ohm:g}: allowed: {least:g} to {most:g} ohm, or inf")
     if config.digitizer.driver != "grm":
         raise ConfigError(f'[digitizer] driver = "{config.digitizer.driver}" is unknown; allowed: grm')
     spec = receiver_preset(config.digitizer.receiver)

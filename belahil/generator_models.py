@@ -1,4 +1,4 @@
-"""Limits and grids of generator models, as data, and the settings that a generator can have."""
+"""What can be said of a generator model, and the settings that a generator can have."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from belahil.errors import LimitExceeded
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -17,9 +15,19 @@ if TYPE_CHECKING:
 
 Function = Literal["SIN", "ARB", "DC", "OTHER"]
 TriggerSource = Literal["IMM", "EXT", "BUS", "TIM"]
+PlayedBy = Literal["rate", "frequency"]
 
 SOURCE_OHM = 50.0
 FULL_CODE = 32767
+
+
+@dataclass(frozen=True, slots=True)
+class AfterReset:
+    """What ``*RST`` leaves: a sine of these numbers, the output off; volts are volts into `load_ohm`."""
+
+    frequency_hz: float = 1e3
+    amplitude_vpp: float = 0.1
+    load_ohm: float = 50.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +53,27 @@ class GeneratorModel:
     min_sine_hz, frequency_step_hz, min_points, amplitude_digits, delay_step_s
         Lowest frequency, frequency grid, shortest waveform, significant digits of amplitude and offset,
         grid of the trigger delay.
+    max_delay_s : float
+        Largest trigger delay; 0 for a model that has none, where zeros before a waveform take its place.
+    channels : int
+        Outputs.
+    arb_played_by : {"rate", "frequency"}
+        What says how fast a waveform is played: its sample rate, or the frequency of all of it, on the grid
+        of `frequency_step_hz`.
+    max_arb_hz : float
+        Highest frequency of a whole waveform, where that says how fast.
+    full_code : int
+        Code of half the amplitude; codes go from minus to plus this.
+    load_span_ohm : tuple of float
+        Load settings beside high impedance.
+    vpp_above_hz : tuple of tuple of float
+        Largest amplitude of a sine, Vpp, above a frequency; rising frequencies.
+    error_queue_depth : int
+        Entries of the error queue.
+    conflict_code : int
+        Number of the error that tells of settings which do not go together.
+    after_reset : AfterReset
+        Settings after ``*RST``.
     """
 
     name: str
@@ -62,38 +91,26 @@ class GeneratorModel:
     delay_step_s: float = 1e-9  # assumed
     max_delay_s: float = 1000.0
     channels: int = 2
+    arb_played_by: PlayedBy = "rate"
+    max_arb_hz: float = math.inf
+    full_code: int = FULL_CODE
+    load_span_ohm: tuple[float, float] = (1.0, 10e3)
+    vpp_above_hz: tuple[tuple[float, float], ...] = ()
+    error_queue_depth: int = 20
+    conflict_code: int = -221
+    after_reset: AfterReset = AfterReset()
 
+    def start_step_s(self, rate_hz: float) -> float:
+        """Grid on which a pulse can start after its trigger: of the delay, or of points at `rate_hz`."""
+        return self.delay_step_s if self.max_delay_s else 1 / rate_hz
 
-# Frequencies, amplitudes and memory as in the vendors' public manuals; amplitude digits, delay grid and
-# the 33600A's sample rate (summaries disagree between 660 MSa/s and 1 GSa/s) are assumed.
-_MODELS_33500 = tuple(
-    GeneratorModel(name, "Agilent Technologies", hz, 250e6, 16, 1_000_000, channels=channels)
-    for name, hz, channels in (
-        ("33509B", 20e6, 1),
-        ("33510B", 20e6, 2),
-        ("33511B", 20e6, 1),
-        ("33512B", 20e6, 2),
-        ("33519B", 30e6, 1),
-        ("33520B", 30e6, 2),
-        ("33521B", 30e6, 1),
-        ("33522B", 30e6, 2),
-    )
-)
-_MODELS_33600 = tuple(
-    GeneratorModel(name, "Keysight Technologies", hz, rate, 14, 4_000_000, channels=channels)
-    for name, hz, rate, channels in (
-        ("33611A", 80e6, 660e6, 1),
-        ("33612A", 80e6, 660e6, 2),
-        ("33621A", 120e6, 1e9, 1),
-        ("33622A", 120e6, 1e9, 2),
-    )
-)
-MODELS = {model.name: model for model in (*_MODELS_33500, *_MODELS_33600)}
-FAMILIES = {
-    "keysight-33500": tuple(model.name for model in _MODELS_33500),
-    "keysight-33600": tuple(model.name for model in _MODELS_33600),
-}
-DEFAULT_MODEL = {"keysight-33500": "33522B", "keysight-33600": "33622A"}
+    def max_vpp_at(self, frequency_hz: float) -> float:
+        """Largest amplitude of a sine into 50 ohm, Vpp."""
+        most = 2 * self.max_peak_v
+        for above_hz, vpp in self.vpp_above_hz:
+            if frequency_hz > above_hz:
+                most = vpp
+        return most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,25 +120,29 @@ class ArbBlock:
     Parameters
     ----------
     codes : ndarray of int16, shape (n,)
-        -32767 to 32767 for minus to plus half the amplitude.
+        -`full_code` to `full_code` for minus to plus half the amplitude.
     sample_rate_hz : float
         Points per second.
     interpolation : {"linear", "hold"}
         Output filter NORM (assumed: straight lines) or STEP.
+    full_code : int
+        As in `GeneratorModel`.
     """
 
     codes: NDArray[np.int16]
     sample_rate_hz: float
     interpolation: Interpolation = "linear"
+    full_code: int = FULL_CODE
 
     def __eq__(self, other: object) -> bool:
         if self is other:
             return True
         if not isinstance(other, ArbBlock):
             return NotImplemented
-        return (self.sample_rate_hz, self.interpolation) == (
+        return (self.sample_rate_hz, self.interpolation, self.full_code) == (
             other.sample_rate_hz,
             other.interpolation,
+            other.full_code,
         ) and np.array_equal(self.codes, other.codes)
 
     def __hash__(self) -> int:
@@ -164,23 +185,6 @@ class GeneratorSetting:
     trigger_delay_s: float = 0.0
 
 
-def model_of(identity: str) -> GeneratorModel:
-    """Find the model in an ``*IDN?`` answer.
-
-    Raises
-    ------
-    LimitExceeded
-        The model is not in the tables.
-    """
-    fields = [part.strip() for part in identity.split(",")]
-    name = fields[1] if len(fields) > 1 else ""
-    if name not in MODELS:
-        raise LimitExceeded(
-            f"generator model {name!r} (from {identity!r}) is unknown; known: {', '.join(MODELS)}"
-        )
-    return MODELS[name]
-
-
 def per_50_ohm(load_ohm: float) -> float:
     """Setting at `load_ohm` that plays what a setting of 1 plays at 50 ohm; 2 for high impedance."""
     return 2.0 if math.isinf(load_ohm) else 2.0 * load_ohm / (load_ohm + SOURCE_OHM)
@@ -191,7 +195,7 @@ def open_circuit(load_ohm: float) -> float:
     return 1.0 if math.isinf(load_ohm) else (load_ohm + SOURCE_OHM) / load_ohm
 
 
-def dac_codes(relative: NDArray[np.float64], bits: int) -> NDArray[np.int16]:
+def dac_codes(relative: NDArray[np.float64], bits: int, full_code: int = FULL_CODE) -> NDArray[np.int16]:
     """Round a waveform of -1 to 1 to the codes of a DAC with `bits` bits.
 
     Parameters
@@ -199,15 +203,27 @@ def dac_codes(relative: NDArray[np.float64], bits: int) -> NDArray[np.int16]:
     relative : ndarray of float64, shape (n,)
         Fraction of half the amplitude.
     bits : int
-        2 to 16; codes of a smaller DAC are multiples of its step.
+        2 to 16; codes of a DAC with fewer bits than `full_code` has are multiples of its step.
+    full_code : int
+        Code of 1.
 
     Returns
     -------
     ndarray of int16, shape (n,)
-        -32767 to 32767.
+        -`full_code` to `full_code`.
     """
-    step = 2 ** (16 - bits)
-    top = FULL_CODE // step
-    codes = np.clip(np.rint(relative * (FULL_CODE / step)), -top, top) * step
+    step = max(1, (full_code + 1) >> (bits - 1))
+    top = full_code // step
+    codes = np.clip(np.rint(relative * (full_code / step)), -top, top) * step
     result: NDArray[np.int16] = codes.astype(np.int16)
     return result
+
+
+def whole_waveform_hz(sample_rate_hz: float, points: int, model: GeneratorModel) -> float:
+    """Frequency, on the model's grid, at which `points` points follow each other at a sample rate."""
+    return round_to_step(sample_rate_hz / points, model.frequency_step_hz)
+
+
+def round_to_step(value: float, step: float) -> float:
+    """Round to a multiple of a power-of-ten step, exactly as decimal text would."""
+    return round(value, -round(math.log10(step)))

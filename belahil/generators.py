@@ -2,8 +2,8 @@
 
 A stimulus becomes a `GeneratorSetting` by `setting_for`; `stimulus_of` says what such a setting plays.
 A driver sends the setting, an emulated instrument builds it from the commands, a simulated instrument takes
-it as it is: all three hold equal values. What a model can do is in `belahil.generator_models`, whose names
-are here too.
+it as it is: all three hold equal values. What a model can do is in `belahil.generator_models` and
+`belahil.generator_families`, whose names are here too.
 """
 
 from __future__ import annotations
@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from belahil.errors import LimitExceeded
+from belahil.generator_families import DEFAULT_MODEL, FAMILIES, MODELS, family_of, model_of
 from belahil.generator_models import (
-    DEFAULT_MODEL,
-    FAMILIES,
     FULL_CODE,
-    MODELS,
     SOURCE_OHM,
     ArbBlock,
     Function,
@@ -27,9 +25,10 @@ from belahil.generator_models import (
     GeneratorSetting,
     TriggerSource,
     dac_codes,
-    model_of,
     open_circuit,
     per_50_ohm,
+    round_to_step,
+    whole_waveform_hz,
 )
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus, TransmittedPulse
 from belahil.uncertainty import sized
@@ -51,6 +50,7 @@ __all__ = [
     "bandwidth_sensitivity",
     "behind_output",
     "dac_codes",
+    "family_of",
     "model_of",
     "on_grid",
     "open_circuit",
@@ -59,6 +59,7 @@ __all__ = [
     "round_to_step",
     "setting_for",
     "stimulus_of",
+    "whole_waveform_hz",
 ]
 
 
@@ -79,11 +80,6 @@ def round_amplitude(volts: float, model: GeneratorModel, *, up: bool = False) ->
         exponent = math.floor(math.log10(rounded)) - model.amplitude_digits + 1
         rounded = float(f"{rounded + 10.0**exponent:.{model.amplitude_digits - 1}e}")
     return rounded
-
-
-def round_to_step(value: float, step: float) -> float:
-    """Round to a multiple of a power-of-ten step, exactly as decimal text would."""
-    return round(value, -round(math.log10(step)))
 
 
 def setting_for(
@@ -127,6 +123,12 @@ def _sine_setting(sine: Sine, model: GeneratorModel, load_ohm: float) -> Generat
     amplitude = round_amplitude(sine.amplitude_vpp, model)
     offset = round_amplitude(sine.offset_v, model)
     _check_volts(amplitude, abs(offset), model, load_ohm)
+    most = model.max_vpp_at(sine.frequency_hz) * per_50_ohm(load_ohm)
+    if amplitude > most * (1 + 1e-12):
+        raise LimitExceeded(
+            f"a sine of {_hertz(sine.frequency_hz)} with {amplitude:.4g} Vpp: {model.name} makes at most "
+            f"{most:.4g} Vpp there into {load_ohm:g} ohm"
+        )
     return GeneratorSetting(
         output=True,
         function="SIN",
@@ -177,41 +179,57 @@ def _pulse_setting(
         round_amplitude(model.min_amplitude_vpp * per_50_ohm(load_ohm), model, up=True),
     )
     _check_volts(amplitude, 0.0, model, load_ohm)
-    codes = dac_codes(volts * (2 / amplitude), model.dac_bits)
+    codes = dac_codes(volts * (2 / amplitude), model.dac_bits, model.full_code)
     # A burst rests at the first point of its waveform, so that point must be zero.
     jumps = int(codes[0] != 0)
     delay = _delay(pulse, jumps / rate, model)
-    codes = np.pad(codes, (jumps, max(0, model.min_points - jumps - codes.size)))
+    if not model.max_delay_s:
+        delay, waited = 0.0, round(delay * rate)
+        jumps += waited
+    codes = np.pad(codes, (jumps, max(0, _fewest_points(rate, model) - jumps - codes.size)))
     if codes.size > model.max_points:
         raise LimitExceeded(
             f"an arbitrary waveform of {codes.size} points: {model.name} holds at most {model.max_points}"
         )
-    block = ArbBlock(codes, rate, pulse.interpolation)
+    if model.arb_played_by == "frequency":
+        rate = codes.size * whole_waveform_hz(rate, codes.size, model)
     return GeneratorSetting(
         output=True,
         function="ARB",
         amplitude_vpp=amplitude,
         load_ohm=load_ohm,
-        arb=block,
+        arb=ArbBlock(codes, rate, pulse.interpolation, model.full_code),
         burst=True,
         trigger_source=source,
         trigger_delay_s=delay,
     )
 
 
+def _fewest_points(rate_hz: float, model: GeneratorModel) -> int:
+    """Fewest points of a waveform at a rate: all of it may repeat no faster than the model can."""
+    return max(model.min_points, math.ceil(rate_hz / model.max_arb_hz))
+
+
 def _delay(pulse: SampledPulse, before_s: float, model: GeneratorModel) -> float:
-    """Return the trigger delay of a waveform that starts `before_s` earlier than its pulse."""
-    delay = round_to_step(pulse.start_s - before_s, model.delay_step_s) + 0.0
+    """Return the trigger delay of a waveform that starts `before_s` earlier than its pulse.
+
+    It is on the model's grid; a model without one waits by zeros, on the grid of its points.
+    """
+    exact = pulse.start_s - before_s
+    if model.max_delay_s:
+        delay, most = round_to_step(exact, model.delay_step_s) + 0.0, model.max_delay_s
+    else:
+        points = round(exact * pulse.sample_rate_hz)
+        delay, most = points / pulse.sample_rate_hz, model.max_points / pulse.sample_rate_hz
     if before_s and pulse.start_s >= 0 > delay:
         raise LimitExceeded(
             f"a pulse that begins with a jump to {pulse.volts[0]:.4g} V at start_s = {pulse.start_s:g}: "
             f"{model.name} rests at the first point, so a zero goes before it; allowed: start_s of at least "
             f"one interval, {before_s:.4g} s"
         )
-    if not 0 <= delay <= model.max_delay_s:
+    if not 0 <= delay <= most:
         raise LimitExceeded(
-            f"a pulse that starts {pulse.start_s:g} s after its trigger: {model.name} "
-            f"allows 0 to {model.max_delay_s:g} s"
+            f"a pulse that starts {pulse.start_s:g} s after its trigger: {model.name} allows 0 to {most:g} s"
         )
     return delay
 
@@ -227,7 +245,7 @@ def stimulus_of(setting: GeneratorSetting) -> Stimulus:
         return Sine(setting.frequency_hz, setting.amplitude_vpp, setting.offset_v)
     if setting.function == "ARB" and setting.burst and setting.arb is not None:
         block = setting.arb
-        volts = block.codes.astype(np.float64) * (setting.amplitude_vpp / (2 * FULL_CODE))
+        volts = block.codes.astype(np.float64) * (setting.amplitude_vpp / (2 * block.full_code))
         return SampledPulse(volts, block.sample_rate_hz, setting.trigger_delay_s, block.interpolation)
     return NoSignal()
 

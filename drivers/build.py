@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING
 
 from belahil.bench import Bench, setting_per_cut_volt
-from belahil.errors import InstrumentError
-from belahil.generators import FAMILIES
+from belahil.errors import InstrumentError, LimitExceeded
+from belahil.generators import FAMILIES, family_of, model_of
 
 if TYPE_CHECKING:
     from belahil.bench import Endpoints
     from belahil.config import BenchConfig
-    from drivers.generators.keysight import KeysightGenerator
+    from drivers.generators.verified import VerifiedGenerator
     from drivers.grm import GrmDigitizer
 
 
@@ -48,9 +48,16 @@ def bench(config: BenchConfig, endpoints: Endpoints) -> Bench:
         return made
 
 
-def open_generator(config: BenchConfig, endpoints: Endpoints) -> KeysightGenerator:
-    """Open the generator: output off, load and its own voltage limits set."""
-    from drivers.generators.keysight import KeysightGenerator
+def open_generator(config: BenchConfig, endpoints: Endpoints) -> VerifiedGenerator:
+    """Open the generator: output off, load and its own voltage limits set.
+
+    Raises
+    ------
+    InstrumentError
+        Nobody answers, or a generator of another family does; then its output is off.
+    """
+    from drivers.generators.families import dialect_of
+    from drivers.generators.verified import VerifiedGenerator
     from drivers.scpi import ScpiSession
     from drivers.visa_link import VisaLink
 
@@ -59,20 +66,29 @@ def open_generator(config: BenchConfig, endpoints: Endpoints) -> KeysightGenerat
     link = VisaLink(address, endpoints.visa_library or part.visa_library)
     with ExitStack() as opened:
         opened.callback(link.close)
-        generator = KeysightGenerator(
-            ScpiSession(link, endpoints.clock, address),
+        session = ScpiSession(link, endpoints.clock, address)
+        found = _family_at(session.identity, part.driver)
+        generator = VerifiedGenerator(
+            session,
+            dialect_of(found),
             part.load_ohm,
             largest_v=part.max_vpp / 2 * setting_per_cut_volt(config),
         )
         opened.pop_all()
-    family = FAMILIES[part.driver]
-    if generator.limits.name not in family:
+    if found != part.driver:
         generator.close()
         raise InstrumentError(
-            f'[generator] driver = "{part.driver}" is for {", ".join(family)}; '
+            f'[generator] driver = "{part.driver}" is for {", ".join(FAMILIES[part.driver])}; '
             f'at {address} is "{generator.identity}"'
         )
     return generator
+
+
+def _family_at(identity: str, driver: str) -> str:
+    """Return the family of the instrument that answered; `driver` for an unknown one, refused later."""
+    with suppress(LimitExceeded):
+        return family_of(model_of(identity))
+    return driver
 
 
 def open_digitizer(config: BenchConfig, endpoints: Endpoints) -> GrmDigitizer:

@@ -25,7 +25,7 @@ import numpy as np
 
 from belahil.bench import setting_per_cut_volt
 from belahil.errors import LimitExceeded
-from belahil.generators import FULL_CODE, behind_output, per_50_ohm, setting_for, stimulus_of
+from belahil.generators import behind_output, per_50_ohm, setting_for, stimulus_of
 from belahil.stimuli import SampledPulse, largest_volts, scaled
 
 if TYPE_CHECKING:
@@ -109,7 +109,9 @@ def playable(
     assert setting.arb is not None
     assert isinstance(played, SampledPulse)
     codes = np.abs(setting.arb.codes.astype(np.int32))
-    return Playable(wished, stimulus, played, setting.amplitude_vpp, float(codes.max()) / FULL_CODE)
+    return Playable(
+        wished, stimulus, played, setting.amplitude_vpp, float(codes.max()) / setting.arb.full_code
+    )
 
 
 def _check_not_too_large(pulse: SampledPulse, model: GeneratorModel, config: BenchConfig) -> None:

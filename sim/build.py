@@ -53,7 +53,7 @@ def endpoints(config: BenchConfig) -> Endpoints:
     ConfigError
         A truth that cannot be, or a link that is not emulated.
     """
-    from sim.devices.generator import GeneratorDevice
+    from sim.devices.generator_families import generator_device
     from sim.devices.grm import GrmDevice
     from sim.transports.visa_library import EmulatedVisa
 
@@ -72,6 +72,6 @@ def endpoints(config: BenchConfig) -> Endpoints:
         reached |= {"usb_backend": usb, "usb_id": usb.usb_id}
     else:
         raise ConfigError(f'link = "{link}": emulated are emulated:serial and emulated:usb')
-    generator = GeneratorDevice(true_model(config), plant)
+    generator = generator_device(true_model(config), plant)
     visa = EmulatedVisa(plant.clock).plug(VISA_ADDRESS, generator)
     return Endpoints(visa_library=visa, visa_address=VISA_ADDRESS, clock=plant.clock, **reached)

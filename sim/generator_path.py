@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from belahil.config import BenchConfig, default_model_name
 from belahil.errors import ConfigError
 from belahil.generators import (
-    FULL_CODE,
     MODELS,
     SOURCE_OHM,
     ArbBlock,
@@ -77,7 +76,7 @@ class GeneratorPath:
 
 
 def _requantized(block: ArbBlock, bits: int) -> ArbBlock:
-    return replace(block, codes=dac_codes(block.codes / FULL_CODE, bits))
+    return replace(block, codes=dac_codes(block.codes / block.full_code, bits, block.full_code))
 
 
 def generator_path(config: BenchConfig) -> GeneratorPath:

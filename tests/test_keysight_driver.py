@@ -20,8 +20,9 @@ from belahil.generators import (
     stimulus_of,
 )
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus, TransmittedPulse
-from drivers.generators.keysight import KeysightGenerator
-from drivers.generators.keysight_items import Shown, agrees
+from drivers.generators.dialect import Shown, agrees
+from drivers.generators.keysight import KeysightDialect
+from drivers.generators.verified import VerifiedGenerator
 from drivers.scpi import ScpiSession
 from drivers.visa_link import VisaLink
 from sim.devices.generator import GeneratorDevice
@@ -69,10 +70,11 @@ class Instrument(GeneratorDevice):
 
 def _opened(
     instrument: Instrument, load_ohm: float = 50.0, largest_v: float = 5.0
-) -> tuple[KeysightGenerator, PlantClock]:
+) -> tuple[VerifiedGenerator, PlantClock]:
     clock = PlantClock()
     link = VisaLink(ADDRESS, EmulatedVisa(clock).plug(ADDRESS, instrument))
-    return KeysightGenerator(ScpiSession(link, clock, ADDRESS), load_ohm, largest_v), clock
+    session = ScpiSession(link, clock, ADDRESS)
+    return VerifiedGenerator(session, KeysightDialect(), load_ohm, largest_v), clock
 
 
 def test_opening_resets_switches_off_and_sets_load_and_limits() -> None:

@@ -1,217 +1,136 @@
 """Keysight (formerly Agilent) 33500B and 33600A function generators; one dialect, limits by model.
 
-The first channel is used. Voltage autorange is on for sines: its relays click only when a setting changes,
-which is before a window. For an arbitrary waveform it finds the range of the amplitude and is then off, so
-that the range is held, at full resolution, until the amplitude changes.
+Voltage autorange is on for sines: its relays click only when a setting changes, which is before a window.
+For an arbitrary waveform it finds the range of the amplitude and is then off, so that the range is held, at
+full resolution, until the amplitude changes.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
-from dataclasses import replace
+import math
 from typing import TYPE_CHECKING
+from zlib import crc32
 
-from belahil.errors import (
-    CorruptData,
-    InstrumentError,
-    InstrumentRefused,
-    LimitExceeded,
-    LinkClosed,
-    LinkError,
-)
-from belahil.generators import GeneratorSetting, model_of, setting_for, stimulus_of
-from belahil.stimuli import SampledPulse, Sine
-from drivers.generators.keysight_items import (
+from drivers.generators.dialect import (
+    SCPI_INFINITY,
+    Item,
+    Shown,
     agrees,
-    base_items,
-    channel_items,
-    same_codes,
-    uploaded_block,
-    uploaded_name,
+    item,
+    sine_voltages,
+    voltage_limit,
 )
-from drivers.scpi import NO_ERROR, read_error
 
 if TYPE_CHECKING:
-    from belahil.generators import ArbBlock, GeneratorModel
-    from belahil.stimuli import Stimulus
-    from drivers.generators.keysight_items import Item
+    from belahil.generators import ArbBlock, GeneratorModel, GeneratorSetting
     from drivers.scpi import ScpiSession
 
-
-class KeysightGenerator:
-    """A generator in a known state: what was set is read back and compared before it is relied on.
-
-    Parameters
-    ----------
-    session : ScpiSession
-        With the instrument; `close` closes it.
-    load_ohm : float
-        Load setting, ohm; ``inf`` for high impedance.
-    largest_v : float
-        Largest voltage into `load_ohm` that the instrument itself shall allow, V.
-
-    Raises
-    ------
-    InstrumentError
-        The model is unknown, or the instrument failed or refused.
-
-    Notes
-    -----
-    The instrument is reset when it is opened, and again after any error: its output is off then. Only what
-    has changed is sent. It is read back together with the error queue, and everything is sent once more
-    when either is not as expected: all commands may be repeated.
-    """
-
-    def __init__(self, session: ScpiSession, load_ohm: float, largest_v: float) -> None:
-        self._session = session
-        self._load_ohm = load_ohm
-        try:
-            self._model = model_of(session.identity)
-        except LimitExceeded as error:
-            raise InstrumentError(str(error)) from error
-        self._base = base_items(self._model, load_ohm, largest_v)
-        self._verified: GeneratorSetting | None = None
-        self._apply(self._silent)
-
-    @property
-    def identity(self) -> str:
-        """Answer of the instrument to ``*IDN?``."""
-        return self._session.identity
-
-    @property
-    def limits(self) -> GeneratorModel:
-        """Limits and grids of the model in `identity`."""
-        return self._model
-
-    def prepare(self, stimulus: Stimulus, trigger: str) -> Stimulus:
-        """Load a stimulus and return what will really be played; the output may be off afterwards.
-
-        Parameters
-        ----------
-        stimulus : Stimulus
-            In volts into the load setting.
-        trigger : {"immediate", "generator", "digitizer"}
-            Who will start it.
-
-        Raises
-        ------
-        LimitExceeded
-            The model cannot make it; nothing was sent.
-        InstrumentRefused
-            With the first entry of the error queue; the output is off.
-        LinkError
-            No proof that it is set.
-        """
-        wanted = setting_for(stimulus, self._model, self._load_ohm, trigger)
-        self._apply(replace(wanted, output=self._stays_on(wanted)))
-        return stimulus_of(wanted) if isinstance(stimulus, Sine | SampledPulse) else stimulus
-
-    def output(self, on: bool) -> None:
-        """Connect or disconnect the output.
-
-        Raises
-        ------
-        InstrumentError
-            As for `prepare`.
-        """
-        now = self._verified or self._silent
-        if self._verified is None or now.output != on:
-            self._apply(replace(now, output=on))
-
-    def trigger(self) -> None:
-        """Start a stimulus that was prepared with ``trigger="generator"``."""
-        self._session.send("*TRG")
-
-    def close(self) -> bool:
-        """Switch the output off and let go of the link; never raises for a dead link.
-
-        Returns
-        -------
-        bool
-            Whether the instrument confirmed that its output is off.
-        """
-        is_off = self._switch_off()
-        self._session.close()
-        return is_off
-
-    @property
-    def _silent(self) -> GeneratorSetting:
-        return GeneratorSetting(function="DC", load_ohm=self._load_ohm)
-
-    def _stays_on(self, wanted: GeneratorSetting) -> bool:
-        """Whether the output may stay on meanwhile: not while the shape or the waveform changes."""
-        now = self._verified
-        return now is not None and now.output and (now.function, now.arb) == (wanted.function, wanted.arb)
-
-    def _apply(self, wanted: GeneratorSetting) -> None:
-        before, self._verified = self._verified, None
-        try:
-            self._set(before, wanted)
-        except LinkClosed:
-            raise
-        except (LinkError, InstrumentRefused):
-            self._session.recover()
-            self._set_again(wanted)
-        self._verified = wanted
-
-    def _set_again(self, wanted: GeneratorSetting) -> None:
-        try:
-            self._set(None, wanted)
-        except LinkClosed:
-            raise
-        except InstrumentError as error:
-            # An instrument that does not know a query leaves it unanswered, and says so in its queue.
-            if isinstance(error, LinkError):
-                self._refuse(self._session.errors())
-            self._switch_off()
-            raise
-
-    def _set(self, before: GeneratorSetting | None, wanted: GeneratorSetting) -> None:
-        """Send what differs from `before` and read it back; all is read back when nothing does."""
-        items = channel_items(wanted, before)
-        if before is None:
-            self._session.send("*RST", "*CLS", ":SOUR1:VOLT MIN", *(item.command for item in self._base))
-        if wanted.arb is not None and not (before and same_codes(before.arb, wanted.arb)):
-            self._upload(wanted.arb)
-        changed = _changed(items, before, wanted)
-        if changed:
-            self._session.send(*(item.command for item in changed if item.command))
-        self._verify(changed if before and changed else [*self._base, *items])
-
-    def _upload(self, arb: ArbBlock) -> None:
-        self._session.send(":OUTP1 0", ":SOUR1:DATA:VOL:CLE")
-        self._session.send_block(f":SOUR1:DATA:ARB:DAC {uploaded_name(arb)},", uploaded_block(arb))
-
-    def _verify(self, items: list[Item]) -> None:
-        *answers, error = self._session.ask(*(item.query for item in items), ":SYST:ERR?")
-        number, text = read_error(error)
-        if number != NO_ERROR:
-            self._refuse([(number, text), *self._session.errors()])
-        for item, answer in zip(items, answers, strict=True):
-            if not agrees(answer, item.expected):
-                raise CorruptData(
-                    f"{self._model.name}: {item.command or item.query} was to give {item.expected}, "
-                    f"and {item.query} answers {answer}"
-                )
-
-    def _refuse(self, errors: list[tuple[int, str]]) -> None:
-        if errors:
-            said = "; ".join(f'{number:+d} "{text}"' for number, text in errors)
-            raise InstrumentRefused(f"{self._model.name} refused: {said}", errors[0][0])
-
-    def _switch_off(self) -> bool:
-        self._verified = None
-        for _ in range(2):
-            with suppress(InstrumentError):
-                self._session.send(":OUTP1 0")
-                if self._session.ask(":OUTP1?") == ["0"]:
-                    return True
-        return False
+_RANGE = ":SOUR1:VOLT:RANG:AUTO"
+_FILTERS = {"linear": "NORM", "hold": "STEP"}
 
 
-def _changed(items: list[Item], before: GeneratorSetting | None, wanted: GeneratorSetting) -> list[Item]:
-    """Return those of `items` that must be sent; all of them with another shape or other points."""
-    if before is None or before.function != wanted.function or not same_codes(before.arb, wanted.arb):
-        return items
-    known = {item.query: item.expected for item in channel_items(before)}
-    return [item for item in items if known.get(item.query) != item.expected]
+class KeysightDialect:
+    """How a 33500B or 33600A is told a setting."""
+
+    off = Item(":OUTP1 0", ":OUTP1?", "0")
+    trigger = "*TRG"
+
+    def reset(self) -> tuple[str, ...]:
+        """Commands to the settings after a reset, with the smallest amplitude and an empty error queue."""
+        return "*RST", "*CLS", ":SOUR1:VOLT MIN"
+
+    def base_items(self, model: GeneratorModel, load_ohm: float, largest_v: float) -> list[Item]:
+        """Return what is set once: load, unit, and the instrument's own voltage limits."""
+        limit_v = voltage_limit(model, load_ohm, largest_v)
+        load = item(":OUTP1:LOAD", load_ohm)
+        return [
+            load if math.isfinite(load_ohm) else Item(":OUTP1:LOAD INF", load.query, SCPI_INFINITY),
+            item(":SOUR1:VOLT:UNIT", "VPP"),
+            item(":SOUR1:VOLT:LIM:HIGH", limit_v),
+            item(":SOUR1:VOLT:LIM:LOW", -limit_v),
+            item(":SOUR1:VOLT:LIM:STAT", "1"),
+        ]
+
+    def items(
+        self, setting: GeneratorSetting, model: GeneratorModel, before: GeneratorSetting | None = None
+    ) -> list[Item]:
+        """Return a setting in the order in which an instrument accepts it."""
+        if setting.function == "SIN":
+            items = _sine_items(setting, before)
+        elif setting.arb is not None:
+            items = _pulse_items(setting, setting.arb)
+        else:
+            items = [
+                item(":SOUR1:BURS:STAT", "0"),
+                item(":SOUR1:FUNC", "DC"),
+                item(":SOUR1:VOLT:OFFS", setting.offset_v),
+            ]
+        if before is not None and before.function == "ARB" and setting.function != "ARB":
+            items.insert(0, Item(f"{_RANGE} ON", f"{_RANGE}?", "1"))
+        output = item(":OUTP1", "1" if setting.output else "0")
+        return [*items, output] if setting.output else [output, *items]
+
+    def upload(self, session: ScpiSession, arb: ArbBlock) -> None:
+        """Send the points of a waveform, with the output off."""
+        session.send(self.off.command, ":SOUR1:DATA:VOL:CLE")
+        session.send_block(f":SOUR1:DATA:ARB:DAC {uploaded_name(arb)},", uploaded_block(arb))
+
+    def agrees(self, answer: str, expected: str | float | Shown) -> bool:
+        """Tell whether an answer is what an item expects."""
+        return agrees(answer, expected)
+
+
+def _sine_items(setting: GeneratorSetting, before: GeneratorSetting | None) -> list[Item]:
+    return [
+        item(":SOUR1:BURS:STAT", "0"),
+        item(":SOUR1:FUNC", "SIN"),
+        item(":SOUR1:FREQ", setting.frequency_hz),
+        *sine_voltages(
+            item(":SOUR1:VOLT", setting.amplitude_vpp),
+            item(":SOUR1:VOLT:OFFS", setting.offset_v),
+            setting,
+            before,
+        ),
+    ]
+
+
+def _pulse_items(setting: GeneratorSetting, arb: ArbBlock) -> list[Item]:
+    name = uploaded_name(arb)
+    points = arb.codes.size
+    average = int(arb.codes.sum(dtype="int64")) / (arb.full_code * points)
+    peak_to_peak = (int(arb.codes.max()) - int(arb.codes.min())) / arb.full_code
+    source = item(":TRIG1:SOUR", setting.trigger_source)
+    trigger_output = item(":OUTP:TRIG", "1" if setting.trigger_source == "BUS" else "0")
+    return [
+        Item(f':SOUR1:FUNC:ARB "{name}"', ":SOUR1:FUNC:ARB?", name),
+        Item("", f':SOUR1:DATA:ATTR:POIN? "{name}"', Shown(points)),
+        Item("", f':SOUR1:DATA:ATTR:AVER? "{name}"', Shown(average)),
+        Item("", f':SOUR1:DATA:ATTR:PTP? "{name}"', Shown(peak_to_peak)),
+        item(":SOUR1:FUNC", "ARB"),
+        item(":SOUR1:FUNC:ARB:SRAT", arb.sample_rate_hz),
+        item(":SOUR1:FUNC:ARB:FILT", _FILTERS[arb.interpolation]),
+        item(":SOUR1:VOLT:OFFS", setting.offset_v),
+        # The range for this amplitude, and then held: no relay moves while pulses of one amplitude follow.
+        Item(
+            f"{_RANGE} ON;:SOUR1:VOLT {float(setting.amplitude_vpp)!r};{_RANGE} OFF",
+            ":SOUR1:VOLT?",
+            setting.amplitude_vpp,
+        ),
+        Item("", f"{_RANGE}?", "0"),
+        item(":SOUR1:BURS:MODE", "TRIG"),
+        item(":SOUR1:BURS:NCYC", 1.0),
+        # One connector is the trigger's input or its output.
+        *([source, trigger_output] if setting.trigger_source == "BUS" else [trigger_output, source]),
+        item(":TRIG1:DEL", setting.trigger_delay_s),
+        item(":SOUR1:BURS:STAT", "1"),
+    ]
+
+
+def uploaded_name(arb: ArbBlock) -> str:
+    """Name of a waveform in the instrument; it follows from the codes, so that it cannot name others."""
+    return f"B{crc32(uploaded_block(arb)):08X}"
+
+
+def uploaded_block(arb: ArbBlock) -> bytes:
+    """Codes as they are sent: most significant byte first, as after ``*RST``."""
+    return arb.codes.astype(">i2").tobytes()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from belahil.errors import RefusedInput
 from belahil.values import WindowRequest
-from sim.devices.generator import GeneratorDevice
+from sim.devices.generator_families import generator_device
 from sim.devices.grm import GrmDevice
 from sim.generator_path import true_model
 from sim.plant import Plant
@@ -86,7 +86,7 @@ def serve(
         raise RefusedInput("a pseudo-terminal was asked for: Windows has none; allowed: the TCP link")
     _warm_up(config)
     plant = Plant(config)
-    generator = GeneratorDevice(true_model(config), plant)
+    generator = generator_device(true_model(config), plant)
 
     def receiver() -> LineWire:
         return LineWire(GrmDevice(plant, "cobs", plant.clock))

@@ -1,0 +1,60 @@
+"""Limits and grids of the generator models, by family; the sources are in docs/instruments.md."""
+
+from __future__ import annotations
+
+from belahil.errors import LimitExceeded
+from belahil.generator_models import GeneratorModel
+
+# Frequencies, amplitudes and memory as in the vendors' public manuals; amplitude digits, delay grid and
+# the 33600A's sample rate (summaries disagree between 660 MSa/s and 1 GSa/s) are assumed.
+_MODELS_33500 = tuple(
+    GeneratorModel(name, "Agilent Technologies", hz, 250e6, 16, 1_000_000, channels=channels)
+    for name, hz, channels in (
+        ("33509B", 20e6, 1),
+        ("33510B", 20e6, 2),
+        ("33511B", 20e6, 1),
+        ("33512B", 20e6, 2),
+        ("33519B", 30e6, 1),
+        ("33520B", 30e6, 2),
+        ("33521B", 30e6, 1),
+        ("33522B", 30e6, 2),
+    )
+)
+_MODELS_33600 = tuple(
+    GeneratorModel(name, "Keysight Technologies", hz, rate, 14, 4_000_000, channels=channels)
+    for name, hz, rate, channels in (
+        ("33611A", 80e6, 660e6, 1),
+        ("33612A", 80e6, 660e6, 2),
+        ("33621A", 120e6, 1e9, 1),
+        ("33622A", 120e6, 1e9, 2),
+    )
+)
+_BY_FAMILY = {
+    "keysight-33500": _MODELS_33500,
+    "keysight-33600": _MODELS_33600,
+}
+MODELS = {model.name: model for models in _BY_FAMILY.values() for model in models}
+FAMILIES = {family: tuple(model.name for model in models) for family, models in _BY_FAMILY.items()}
+DEFAULT_MODEL = {"keysight-33500": "33522B", "keysight-33600": "33622A"}
+
+
+def family_of(model: GeneratorModel) -> str:
+    """Find the family of a model, by its name."""
+    return next(family for family, names in FAMILIES.items() if model.name in names)
+
+
+def model_of(identity: str) -> GeneratorModel:
+    """Find the model in an ``*IDN?`` answer.
+
+    Raises
+    ------
+    LimitExceeded
+        The model is not in the tables.
+    """
+    fields = [part.strip() for part in identity.split(",")]
+    name = fields[1] if len(fields) > 1 else ""
+    if name not in MODELS:
+        raise LimitExceeded(
+            f"generator model {name!r} (from {identity!r}) is unknown; known: {', '.join(MODELS)}"
+        )
+    return MODELS[name]

@@ -1,0 +1,22 @@
+"""Which dialect a family of generators speaks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivers.generators.keysight import KeysightDialect
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivers.generators.dialect import Dialect
+
+_DIALECTS: dict[str, Callable[[], Dialect]] = {
+    "keysight-33500": KeysightDialect,
+    "keysight-33600": KeysightDialect,
+}
+
+
+def dialect_of(driver: str) -> Dialect:
+    """Return the dialect of ``[generator] driver``, one of `belahil.generators.FAMILIES`."""
+    return _DIALECTS[driver]()

@@ -1,0 +1,33 @@
+"""Which emulated device stands for a generator model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from belahil.generators import family_of
+from sim.devices.generator import GeneratorDevice
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from belahil.generators import GeneratorModel
+    from sim.devices.generator import GeneratorPort
+    from sim.devices.scpi import ScpiDevice
+
+_DEVICES: dict[str, Callable[[GeneratorModel, GeneratorPort], ScpiDevice]] = {
+    "keysight-33500": GeneratorDevice,
+    "keysight-33600": GeneratorDevice,
+}
+
+
+def generator_device(model: GeneratorModel, port: GeneratorPort) -> ScpiDevice:
+    """Build the emulated generator of a model.
+
+    Parameters
+    ----------
+    model : GeneratorModel
+        Limits and grids; its name says of which family it is.
+    port : GeneratorPort
+        What its first channel plays into.
+    """
+    return _DEVICES[family_of(model)](model, port)
