@@ -81,7 +81,7 @@ def shots_needed(cell: Cell, kurtosis: float) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--sets", type=int, default=8)
-    parser.add_argument("--noise-windows", type=int, default=1200)
+    parser.add_argument("--noise-windows", type=int, default=500)
     parser.add_argument("--shots", type=int, default=200, help="on each of eleven terrains in each cell")
     asked = parser.parse_args()
     options = RangeOptions(("table",), sets=asked.sets, noise_windows=asked.noise_windows, shots=asked.shots)

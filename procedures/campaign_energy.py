@@ -16,7 +16,7 @@ from procedures.energy_parts import (
     slope_point,
 )
 from procedures.range_ground import GroundKey
-from procedures.range_parts import STUDY_ALTITUDES_M, levels_chunks
+from procedures.range_parts import STUDY_ALTITUDES_M, levels_chunks, shared_chunks
 from procedures.range_scenes import DISTANCES_AU, base_scene, conditions
 from sim.scene import as_toml
 
@@ -87,7 +87,7 @@ class EnergyErrorOptions:
 def plan(options: EnergyErrorOptions) -> CampaignPlan:
     """Plan the chunks: noise, calibration, and draws about echoes by altitude and slope."""
     every = points(options)
-    chunks = levels_chunks(every, options.noise_windows, options.seed + _NOISE_SEED)
+    chunks = shared_chunks(every) + levels_chunks(every, options.noise_windows, options.seed + _NOISE_SEED)
     chunks += calibration_chunks(options.calibration_echoes, options.seed, options.ground)
     for point in every:
         chunks += point.chunks()

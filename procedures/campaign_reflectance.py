@@ -16,7 +16,7 @@ from procedures.energy_parts import (
     slope_point,
 )
 from procedures.range_ground import GroundKey
-from procedures.range_parts import levels_chunks
+from procedures.range_parts import levels_chunks, shared_chunks
 from procedures.range_scenes import DISTANCES_AU, base_scene, conditions
 from procedures.reflectance_kinds import KINDS
 from sim.scene import as_toml
@@ -90,7 +90,7 @@ class ReflectanceOptions:
 def plan(options: ReflectanceOptions) -> CampaignPlan:
     """Plan the chunks: noise, calibration, and draws about echoes by altitude."""
     every = points(options)
-    chunks = levels_chunks(every, options.noise_windows, options.seed + _NOISE_SEED)
+    chunks = shared_chunks(every) + levels_chunks(every, options.noise_windows, options.seed + _NOISE_SEED)
     chunks += calibration_chunks(options.calibration_echoes, options.seed, options.ground)
     for point in every:
         chunks += point.chunks()

@@ -165,7 +165,6 @@ def local_draws(chain: Chain, places: Places, late_s: float, draws: Draws, repea
     mismatch, even = chain.scene.truth.interleave, np.zeros(count, dtype=np.int64)
     if mismatch != Interleave():
         even = draws.stream("converter").integers(2, size=count)
-    echo_v = volts.samples(centres_m, first_s)[0]
     if mismatch.skew_s:
         late = volts.samples(centres_m, first_s + mismatch.skew_s / 2)[0]
         early = volts.samples(centres_m, first_s - mismatch.skew_s / 2)[0]
