@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from procedures.range_constants import OTHER_GROUND
 from procedures.range_corrections import NAMES
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
+    from belahil.values import Estimate
     from procedures.range_budget import BudgetCell, Shift
     from procedures.range_corrections import Corrected
     from procedures.range_table import Cell
@@ -24,6 +26,7 @@ _DAY, _NIGHT = "#D55E00", "#0072B2"
 _LEAST_POINTS = 1.0
 """Of a probability that the axis of a panel has on either side: less is nothing to be seen."""
 _ROUNDING = 1e-9
+_LEAST_M = 0.01
 _COLOURS = {"day": _DAY, "night": _NIGHT}
 _ALTITUDE_COLOURS = ("#000000", "#0072B2", "#009E73", "#D55E00", "#CC79A7")
 
@@ -111,7 +114,7 @@ def ladder_figure(cells: Sequence[tuple[str, Cell]]) -> Figure:
         grid[0, column].set_title(light, loc="left")
         grid[1, column].set_xticks(range(len(rungs)), rungs, rotation=25, ha="right", fontsize=8)
     grid[0, 0].set_ylabel("range error, m rms")
-    grid[0, 0].set_yscale("log")
+    _plain_log(grid[0, 0])
     grid[1, 0].set_ylabel("probability of false detection, %")
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside right upper", frameon=False)
     for axes in grid.flat:
@@ -153,30 +156,47 @@ def _lines(
     axes: Sequence[Axes], here: Sequence[tuple[float, Cell]], style: str, colour: str, label: str
 ) -> None:
     """Draw errors in the first axes and false detections in the second, with their uncertainties."""
-    errors = [(place, one.spread) for place, one in here]
-    for one, ones, scale in (
-        (axes[0], [(place, value) for place, value in errors if value is not None], 1.0),
-        (axes[1], [(place, cell.pfd) for place, cell in here], 100.0),
-    ):
-        one.errorbar(
-            [place for place, _ in ones],
-            [scale * value.value for _, value in ones],
-            [2 * scale * value.standard_uncertainty for _, value in ones],
-            fmt=style,
-            color=colour,
-            capsize=2,
-            lw=1.4,
-            elinewidth=0.9,
-            label=label,
-        )
+    _bars_at(axes[0], [(place, one.spread) for place, one in here], style, colour, label)
+    _bars_at(axes[1], [(place, one.pfd) for place, one in here], style, colour, label, 100.0)
+
+
+def _bars_at(
+    axes: Axes,
+    ones: Sequence[tuple[float, Estimate | None]],
+    style: str,
+    colour: str,
+    label: str,
+    scale: float = 1.0,
+) -> None:
+    there = [(place, one) for place, one in ones if one is not None]
+    axes.errorbar(
+        [place for place, _ in there],
+        [scale * one.value for _, one in there],
+        [2 * scale * one.standard_uncertainty for _, one in there],
+        fmt=style,
+        color=colour,
+        capsize=2,
+        lw=1.4,
+        elinewidth=0.9,
+        ms=4,
+        label=label,
+    )
+
+
+def _plain_log(axes: Axes) -> None:
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
 
 
 def columns_figure(cells: Sequence[tuple[str, Cell]]) -> Figure:
     """Draw error and probability of false detection over different ground against altitude."""
     figure = Figure(figsize=(11.5, 7.2), layout="constrained")
     figure.set_label(
-        "Rms range error (upper row) and probability of false detection (lower row) over other ground, with "
-        "slopes of 9 to 11 degrees, reflectance 0.17, by day and by night. Bars: two standard uncertainties."
+        "Rms range error, dashed: its part of the shape of pulse and ground (upper row), and probability of "
+        "false detection (lower row), over other ground with slopes of 9 to 11 degrees, reflectance 0.17, by "
+        "day and by night. Bars: two standard uncertainties; what is below 1 cm is not drawn."
     )
     grid = figure.subplots(2, 2, sharex=True, sharey="row")
     grounds = list(dict.fromkeys(label for label, _ in cells))
@@ -188,12 +208,14 @@ def columns_figure(cells: Sequence[tuple[str, Cell]]) -> Figure:
                 if (label, one.condition.light, one.condition.distance, one.condition.reflectance)
                 == (ground, light, "mean", MEAN_REFLECTANCE)
             ]
-            _lines(grid[:, column], sorted(here, key=lambda pair: pair[0]), "o-", colour, ground)
+            here.sort(key=lambda pair: pair[0])
+            _lines(grid[:, column], here, "o-", colour, ground)
+            _bars_at(grid[0, column], [(place, one.shape) for place, one in here], ".--", colour, "")
         grid[0, column].set_title(light, loc="left")
         grid[1, column].set_xlabel("altitude, km")
     grid[0, 0].set_ylabel("range error, m rms")
-    grid[0, 0].set_yscale("log")
-    grid[0, 0].yaxis.set_major_formatter("{x:g}")
+    _plain_log(grid[0, 0])
+    grid[0, 0].set_ylim(bottom=_LEAST_M)
     grid[1, 0].set_ylabel("probability of false detection, %")
     grid[0, 0].legend(frameon=False)
     for axes in grid.flat:
