@@ -28,6 +28,7 @@ class AfterReset:
     frequency_hz: float = 1e3
     amplitude_vpp: float = 0.1
     load_ohm: float = 50.0
+    sample_rate_hz: float = 40e3
 
 
 @dataclass(frozen=True, slots=True)

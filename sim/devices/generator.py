@@ -12,53 +12,42 @@ from its sample rate), and the ties between pulse width, duty cycle, edges and p
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from belahil.generators import GeneratorSetting
 from sim.devices.generator_arb_commands import add_arb_commands
 from sim.devices.generator_arbs import ArbMemory
+from sim.devices.generator_base import NOT_PLAYED_BIT, EmulatedGenerator, GeneratorPort
 from sim.devices.generator_channel import Channel
-from sim.devices.generator_commands import ChannelCommands, add_shape_commands, add_voltage_commands
-from sim.devices.generator_output import OutputStage, is_played
+from sim.devices.generator_commands import (
+    ChannelCommands,
+    add_keysight_commands,
+    add_level_commands,
+    add_limit_commands,
+    add_load_command,
+    add_shape_commands,
+)
 from sim.devices.generator_settings import SHARED_SETTINGS, channel_settings
-from sim.devices.scpi import ScpiDevice
 from sim.devices.scpi.parameters import read_name
-from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call
 
 if TYPE_CHECKING:
     from belahil.generators import GeneratorModel
 
-NOT_PLAYED_BIT = 1 << 12
+__all__ = ["NOT_PLAYED_BIT", "GeneratorDevice", "GeneratorPort"]
 
 
-class GeneratorPort(Protocol):
-    """The generator's side of the plant."""
-
-    def play(self, setting: GeneratorSetting) -> None:
-        """Take notice that what leaves the output has changed."""
-        ...
-
-    def trigger(self) -> bool:
-        """Start a burst that waits for the bus; False when there is nothing to start."""
-        ...
-
-
-class GeneratorDevice(ScpiDevice):
-    """One generator of either family; the first channel is the one that is connected.
+class GeneratorDevice(EmulatedGenerator):
+    """A 33500B or 33600A.
 
     Parameters
     ----------
     model : GeneratorModel
         Limits and grids.
     port : GeneratorPort
-        What the first channel plays into. It is told after each message that changed what leaves the
-        output, and knows that a new generator is silent.
-    serial_number : str
-        Third field of ``*IDN?``.
-    firmware : str
-        Fourth field of ``*IDN?``; the default says that this is no real instrument.
+        As for `EmulatedGenerator`, and so are the others.
     """
+
+    channels: list[Channel]
 
     def __init__(
         self,
@@ -67,19 +56,14 @@ class GeneratorDevice(ScpiDevice):
         serial_number: str = "EMULATED",
         firmware: str = "0.00-emulated",
     ) -> None:
-        super().__init__(f"{model.manufacturer},{model.name},{serial_number},{firmware}", model.channels)
-        self.model = model
-        self._port = port
+        super().__init__(model, port, serial_number, firmware)
         self._arbs = [ArbMemory(model) for _ in range(model.channels)]
-        self._stage = OutputStage()
-        self._played = GeneratorSetting()
-        self._complained = False
         self.display = ""
         self._set_defaults()
         self._add_commands()
 
     def _set_defaults(self) -> None:
-        self.channels = [Channel(self.model, arbs, self.report) for arbs in self._arbs]
+        self.channels = [Channel(self.model, self.report, arbs=arbs) for arbs in self._arbs]
         self.sync = True
         self.sync_source = "CH1"
         self.trigger_output = False
@@ -90,40 +74,16 @@ class GeneratorDevice(ScpiDevice):
         """Bring all settings to their defaults; waveforms in memory stay (assumed)."""
         self._set_defaults()
 
-    def settled(self) -> None:
-        """Tell the plant what leaves the output now, when that has changed."""
-        setting = self._stage.setting(self.channels[0])
-        if setting == self._played:
-            return
-        self._played = setting
-        self.status.questionable.set(NOT_PLAYED_BIT, not is_played(setting))
-        unknown = setting.output and self.channels[0].function not in ("SIN", "ARB", "DC")
-        if unknown and not self._complained:
-            self.report(ScpiError(901, f"{self.channels[0].function} is not emulated; the output is silent"))
-        self._complained = unknown
-        self._port.play(setting)
-
-    def triggered(self) -> None:
-        """Start the bursts that wait for a bus trigger.
-
-        Raises
-        ------
-        ScpiError
-            -211 when no channel waits for one.
-        """
-        self.settled()
-        waiting = [channel.burst and channel.trigger_source == "BUS" for channel in self.channels]
-        started = waiting[0] and self._port.trigger()
-        if not (started or any(waiting[1:])):
-            raise ScpiError(-211)
-
     def _choose(self, call: Call) -> Channel:
         return self.channels[call.suffixes[0] - 1]
 
     def _add_commands(self) -> None:
         commands = ChannelCommands(self.tree, self._choose)
         add_shape_commands(commands)
-        add_voltage_commands(commands)
+        add_keysight_commands(commands)
+        add_level_commands(commands)
+        add_limit_commands(commands, "[SOURce#:]VOLTage:LIMit")
+        add_load_command(commands, "OUTPut#:LOAD")
         add_arb_commands(commands, self.model.max_points, lambda: self.byte_order == "SWAP")
         for setting in channel_settings(self.model):
             setting.enter(self.tree, self._choose)

@@ -23,7 +23,9 @@ _ATTRIBUTES: tuple[tuple[str, Callable[[NDArray[np.int16]], str]], ...] = (
 )
 
 
-def add_arb_commands(commands: ChannelCommands, most_points: int, swapped: Callable[[], bool]) -> None:
+def add_arb_commands(
+    commands: ChannelCommands[Channel], most_points: int, swapped: Callable[[], bool]
+) -> None:
     """Add them.
 
     Parameters

@@ -1,12 +1,16 @@
-"""The settings of one generator channel, and the rules that tie them to each other."""
+"""The settings of a generator channel, and the rules that tie them to each other."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from belahil.generators import (
+    FULL_CODE,
+    Function,
     GeneratorModel,
+    TriggerSource,
     per_50_ohm,
     round_amplitude,
     round_to_step,
@@ -15,6 +19,12 @@ from sim.devices.generator_arbs import BUILT_IN, ArbMemory
 from sim.devices.scpi.parameters import LIMIT_SLACK, Report, clamp
 from sim.devices.scpi.status import ScpiError
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from belahil.stimuli import Interpolation
+
 # Peak-to-peak volts per volt rms; that of a sine serves for noise and arbitrary waveforms too (assumed).
 _PEAK_TO_PEAK_PER_RMS = {"SQU": 2.0, "PULS": 2.0, "PRBS": 2.0, "RAMP": 2 * 3**0.5, "TRI": 2 * 3**0.5}
 _SINE_PEAK_TO_PEAK_PER_RMS = 2 * 2**0.5
@@ -22,40 +32,31 @@ _SINE_PEAK_TO_PEAK_PER_RMS = 2 * 2**0.5
 _RAMP_SHARE = 1 / 150
 
 
+_SHAPES: dict[str, Function] = {"SIN": "SIN", "ARB": "ARB", "DC": "DC"}
+_SOURCES: dict[str, TriggerSource] = {"IMM": "IMM", "EXT": "EXT", "BUS": "BUS", "TIM": "TIM"}
+
+
 @dataclass(slots=True)
-class Channel:
-    """One channel; volts are volts into `load_ohm`. New ones hold the values after ``*RST``."""
+class Levels:
+    """Shape, frequency and voltages of one channel of any family, and the rules that tie them together.
+
+    Volts are volts into `load_ohm`. A new one holds the values after ``*RST``.
+    """
 
     model: GeneratorModel
-    arbs: ArbMemory
     report: Report
     output: bool = False
     function: str = "SIN"
-    frequency_hz: float = 1e3
-    amplitude_vpp: float = 0.1
+    frequency_hz: float = field(init=False)
+    amplitude_vpp: float = field(init=False)
     offset_v: float = 0.0
     unit: str = "VPP"
-    load_ohm: float = 50.0
+    load_ohm: float = field(init=False)
     autorange: str = "ON"
     limits_on: bool = False
-    limit_high_v: float = 5.0
-    limit_low_v: float = -5.0
-    phase_deg: float = 0.0
+    limit_high_v: float = field(init=False)
+    limit_low_v: float = field(init=False)
     polarity: str = "NORM"
-    frequency_mode: str = "CW"
-    arb_name: str = BUILT_IN
-    arb_rate_hz: float = 40e3
-    arb_filter: str = "NORM"
-    arb_advance: str = "SRAT"
-    square_duty_percent: float = 50.0
-    ramp_symmetry_percent: float = 100.0
-    pulse_width_s: float = 100e-6
-    pulse_duty_percent: float = 10.0
-    pulse_hold: str = "WIDT"
-    pulse_lead_s: float = 10e-9
-    pulse_trail_s: float = 10e-9
-    noise_bandwidth_hz: float = 100e3
-    bit_rate_hz: float = 1e3
     burst: bool = False
     burst_mode: str = "TRIG"
     burst_cycles: float = 1.0
@@ -63,10 +64,17 @@ class Channel:
     burst_period_s: float = 10e-3
     gate_polarity: str = "NORM"
     trigger_source: str = "IMM"
-    trigger_delay_s: float = 0.0
     trigger_slope: str = "POS"
-    trigger_timer_s: float = 1.0
-    trigger_count: float = 1.0
+    trigger_delay_s: float = 0.0
+    phase_deg: float = 0.0
+    arb_rate_hz: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Take what the model has after a reset."""
+        first = self.model.after_reset
+        self.frequency_hz, self.amplitude_vpp = first.frequency_hz, first.amplitude_vpp
+        self.load_ohm, self.arb_rate_hz = first.load_ohm, first.sample_rate_hz
+        self.limit_high_v, self.limit_low_v = self.peak_v, -self.peak_v
 
     @property
     def peak_v(self) -> float:
@@ -105,8 +113,12 @@ class Channel:
     @property
     def most_hz(self) -> float:
         """Highest frequency of the present shape."""
-        top = self.model.max_sine_hz
-        return top * _RAMP_SHARE if self.function in ("RAMP", "TRI") else top
+        return self.model.max_sine_hz
+
+    @property
+    def plays_by_rate(self) -> bool:
+        """Whether the sample rate says how fast the present shape is, and not the frequency."""
+        return False
 
     def set_frequency(self, hertz: float) -> None:
         """Round to the frequency grid and clamp."""
@@ -118,11 +130,11 @@ class Channel:
         self.function = name
         if self.frequency_hz > self.most_hz:
             self.frequency_hz = self.most_hz
-            self.report(ScpiError(-221, "frequency reduced for the new function"))
+            self.report(ScpiError(self.model.conflict_code, "frequency reduced for the new function"))
         lowest, highest = self.offset_span_v
         if not lowest - LIMIT_SLACK <= self.offset_v <= highest + LIMIT_SLACK:
             self.offset_v = min(max(self.offset_v, lowest), highest)
-            self.report(ScpiError(-221, "offset changed for the new function"))
+            self.report(ScpiError(self.model.conflict_code, "offset changed for the new function"))
 
     def set_amplitude(self, value: float, unit: str) -> None:
         """Set the amplitude; it is rounded in the unit it is given in.
@@ -161,14 +173,16 @@ class Channel:
             low = clamp(volts, floor, ceiling - step, self.report)
         if top - low < step * (1 - LIMIT_SLACK):
             low, top = (top - step, top) if high else (low, low + step)
-            self.report(ScpiError(-221, f"{'low' if high else 'high'} level changed"))
+            self.report(ScpiError(self.model.conflict_code, f"{'low' if high else 'high'} level changed"))
         self.amplitude_vpp, self.offset_v = round(top - low, 9), round((top + low) / 2, 9)
 
     def set_limits(self, on: bool) -> None:
         """Switch the voltage limits; refused while the waveform exceeds them (assumed)."""
         low, high = self.offset_v - self.half_v, self.offset_v + self.half_v
         if on and (high > self.limit_high_v + LIMIT_SLACK or low < self.limit_low_v - LIMIT_SLACK):
-            raise ScpiError(-221, "the present waveform exceeds the limits; limits are off")
+            raise ScpiError(
+                self.model.conflict_code, "the present waveform exceeds the limits; limits are off"
+            )
         self.limits_on = on
 
     def limit_span(self, high: bool) -> tuple[float, float]:
@@ -215,4 +229,77 @@ class Channel:
             -221.
         """
         if math.isinf(self.load_ohm):
-            raise ScpiError(-221, "DBM needs a finite load")
+            raise ScpiError(self.model.conflict_code, "DBM needs a finite load")
+
+
+@dataclass(slots=True)
+class Channel(Levels):
+    """One channel of a 33500B or 33600A."""
+
+    arbs: ArbMemory = field(kw_only=True)
+    frequency_mode: str = "CW"
+    arb_name: str = BUILT_IN
+    arb_filter: str = "NORM"
+    arb_advance: str = "SRAT"
+    square_duty_percent: float = 50.0
+    ramp_symmetry_percent: float = 100.0
+    pulse_width_s: float = 100e-6
+    pulse_duty_percent: float = 10.0
+    pulse_hold: str = "WIDT"
+    pulse_lead_s: float = 10e-9
+    pulse_trail_s: float = 10e-9
+    noise_bandwidth_hz: float = 100e3
+    bit_rate_hz: float = 1e3
+    trigger_timer_s: float = 1.0
+    trigger_count: float = 1.0
+
+    @property
+    def most_hz(self) -> float:
+        """Highest frequency of the present shape."""
+        top = self.model.max_sine_hz
+        return top * _RAMP_SHARE if self.function in ("RAMP", "TRI") else top
+
+    @property
+    def plays_by_rate(self) -> bool:
+        """Whether the sample rate says how fast the present shape is, and not the frequency."""
+        return self.function == "ARB"
+
+    @property
+    def shape(self) -> Function:
+        """Shape as the plant knows it."""
+        return _SHAPES.get(self.function, "OTHER")
+
+    @property
+    def source(self) -> TriggerSource:
+        """What starts a burst."""
+        return _SOURCES[self.trigger_source]
+
+    @property
+    def is_plain_burst(self) -> bool:
+        """Whether a burst is one whole waveform per trigger."""
+        return (
+            self.burst_mode == "TRIG"
+            and self.burst_cycles == 1
+            and self.burst_phase_deg == 0
+            and self.arb_advance == "SRAT"
+        )
+
+    @property
+    def arb_codes(self) -> NDArray[np.int16]:
+        """Points of the selected waveform."""
+        return self.arbs.codes(self.arb_name)
+
+    @property
+    def full_code(self) -> int:
+        """Code of half the amplitude in memory, whatever the converter has."""
+        return FULL_CODE
+
+    @property
+    def point_rate_hz(self) -> float:
+        """Points of the selected waveform per second."""
+        return self.arb_rate_hz
+
+    @property
+    def interpolation(self) -> Interpolation:
+        """What is between points: NORM is a filter without published response, lines are assumed."""
+        return "linear" if self.arb_filter == "NORM" else "hold"

@@ -1,11 +1,12 @@
-"""The generator's commands whose settings depend on each other: shape, frequency, voltages, load, apply."""
+"""Commands whose settings depend on each other, of all families: shape, frequency, voltages, load, apply."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
-from sim.devices.generator_channel import Channel
+from sim.devices.generator_channel import Channel, Levels
 from sim.devices.scpi.numeric import (
     AMPLITUDE,
     HERTZ,
@@ -23,16 +24,14 @@ from sim.devices.scpi.tree import Action, Call, HeaderTree
 
 Tokens = tuple[Token, ...]
 Span = tuple[float, float, float]
+C = TypeVar("C", bound=Levels)
 
 SHAPES = ("SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "ARBitrary", "DC")
-_SHAPE_CHOICES = Choices(*SHAPES)
 _UNIT_CHOICES = Choices("VPP", "VRMS", "DBM")
 _LEVEL = "[SOURce#:]VOLTage[:LEVel][:IMMediate]"
-_DEFAULT_HZ = 1e3
-_DEFAULT_VPP = 0.1
 
 
-class ChannelCommands:
+class ChannelCommands(Generic[C]):
     """Adds commands that act on the channel which their numeric suffix names.
 
     Parameters
@@ -41,17 +40,25 @@ class ChannelCommands:
         Where to.
     choose : callable
         Finds the channel of a call.
+    answer : callable
+        Writes a number as the family does.
     """
 
-    def __init__(self, tree: HeaderTree, choose: Callable[[Call], Channel]) -> None:
+    def __init__(
+        self,
+        tree: HeaderTree,
+        choose: Callable[[Call], C],
+        answer: Callable[[float], str] = answer_number,
+    ) -> None:
         self._tree = tree
         self._choose = choose
+        self.answer = answer
 
     def add(
         self,
         header: str,
-        command: Callable[[Channel, Tokens], None] | None = None,
-        query: Callable[[Channel, Tokens], str] | None = None,
+        command: Callable[[C, Tokens], None] | None = None,
+        query: Callable[[C, Tokens], str] | None = None,
         takes: tuple[int, int] = (1, 1),
         asks: int = 0,
     ) -> None:
@@ -67,52 +74,67 @@ class ChannelCommands:
         self,
         header: str,
         units: Units,
-        span: Callable[[Channel], Span],
-        read: Callable[[Channel], float],
-        write: Callable[[Channel, float], None],
+        span: Callable[[C], Span],
+        read: Callable[[C], float],
+        write: Callable[[C, float], None],
         infinite: bool = False,
     ) -> None:
         """Add a number; `span` gives its smallest and largest value and its default, in this order."""
 
-        def set_it(channel: Channel, tokens: Tokens) -> None:
+        def set_it(channel: C, tokens: Tokens) -> None:
             least, most, default = span(channel)
             write(channel, read_within(tokens[0], units, least, most, default, channel.report, infinite))
 
-        def get_it(channel: Channel, tokens: Tokens) -> str:
+        def get_it(channel: C, tokens: Tokens) -> str:
             word = read_limit(tokens[0]) if tokens else ""
             known = dict(zip(("MIN", "MAX", "DEF"), span(channel), strict=True))
-            return answer_number(known[word] if word in known else read(channel))
+            return self.answer(known[word] if word in known else read(channel))
 
         self.add(header, set_it, get_it, asks=1)
 
 
-def add_shape_commands(commands: ChannelCommands) -> None:
-    """Add shape, frequency, pulse period, and what sets all at once."""
+def add_shape_commands(commands: ChannelCommands[C], shapes: tuple[str, ...] = SHAPES) -> None:
+    """Add shape, frequency, and what sets all at once; `shapes` are written like ``SINusoid``."""
+    choices = Choices(*shapes)
     commands.add(
         "[SOURce#:]FUNCtion[:SHAPe]",
-        lambda channel, tokens: channel.set_function(_SHAPE_CHOICES.read(tokens[0])),
+        lambda channel, tokens: channel.set_function(choices.read(tokens[0])),
         lambda channel, _: channel.function,
     )
-    commands.add("[SOURce#:]FUNCtion:ARBitrary", _select_arb, lambda channel, _: f'"{channel.arb_name}"')
     commands.add_number(
         "[SOURce#:]FREQuency[:CW]",
         HERTZ,
-        lambda channel: (channel.model.min_sine_hz, channel.most_hz, _DEFAULT_HZ),
+        lambda channel: (channel.model.min_sine_hz, channel.most_hz, _first_hz(channel)),
         lambda channel: channel.frequency_hz,
-        Channel.set_frequency,
+        Levels.set_frequency,
     )
+    for shape in shapes:
+        word = choices.read(Token("character", shape))
+        commands.add(f"[SOURce#:]APPLy:{shape}", _apply(word), takes=(0, 3))
+    commands.add("[SOURce#:]APPLy", query=_applied(commands.answer))
+
+
+def add_period_command(commands: ChannelCommands[C], header: str) -> None:
+    """Add the period of pulses, which is one over the frequency."""
     commands.add_number(
-        "[SOURce#:]FUNCtion:PULSe:PERiod",
+        header,
         SECOND,
-        lambda channel: (1 / channel.most_hz, 1 / channel.model.min_sine_hz, 1 / _DEFAULT_HZ),
+        lambda channel: (1 / channel.most_hz, 1 / channel.model.min_sine_hz, 1 / _first_hz(channel)),
         lambda channel: 1 / channel.frequency_hz,
         lambda channel, period_s: channel.set_frequency(1 / period_s),
     )
+
+
+def add_keysight_commands(commands: ChannelCommands[Channel]) -> None:
+    """Add what only the 33500B and 33600A have: named waveforms, both edges of a pulse, aligned phases."""
+    commands.add("[SOURce#:]FUNCtion:ARBitrary", _select_arb, lambda channel, _: f'"{channel.arb_name}"')
+    add_period_command(commands, "[SOURce#:]FUNCtion:PULSe:PERiod")
     commands.add("[SOURce#:]FUNCtion:PULSe:TRANsition:BOTH", _set_both_edges)
-    for shape in SHAPES:
-        commands.add(f"[SOURce#:]APPLy:{shape}", _apply(shape), takes=(0, 3))
-    commands.add("[SOURce#:]APPLy", query=_applied)
     commands.add("[SOURce#:]PHASe:SYNChronize", lambda channel, tokens: None, takes=(0, 0))
+
+
+def _first_hz(channel: Levels) -> float:
+    return channel.model.after_reset.frequency_hz
 
 
 def _select_arb(channel: Channel, tokens: Tokens) -> None:
@@ -126,22 +148,21 @@ def _set_both_edges(channel: Channel, tokens: Tokens) -> None:
     channel.pulse_lead_s = channel.pulse_trail_s = edge_s
 
 
-def _apply(word: str) -> Callable[[Channel, Tokens], None]:
+def _apply(shape: str) -> Callable[[Levels, Tokens], None]:
     """Return the command that chooses a shape, its frequency or rate, amplitude and offset, and plays it."""
-    shape = _SHAPE_CHOICES.read(Token("character", word))
     default = Token("character", "DEF")
 
-    def apply(channel: Channel, tokens: Tokens) -> None:
+    def apply(channel: Levels, tokens: Tokens) -> None:
         first, amplitude, offset = (*tokens, default, default, default)[:3]
-        channel.frequency_hz, channel.offset_v = _DEFAULT_HZ, 0.0
+        channel.frequency_hz, channel.offset_v = _first_hz(channel), 0.0
         channel.set_function(shape)
-        if shape == "ARB":
-            most = channel.model.max_arb_rate_hz
-            channel.arb_rate_hz = read_within(first, SAMPLES_PER_SECOND, 1e-6, most, 40e3, channel.report)
+        if channel.plays_by_rate:
+            most, usual = channel.model.max_arb_rate_hz, channel.model.after_reset.sample_rate_hz
+            channel.arb_rate_hz = read_within(first, SAMPLES_PER_SECOND, 1e-6, most, usual, channel.report)
         else:
             least = channel.model.min_sine_hz
             channel.set_frequency(
-                read_within(first, HERTZ, least, channel.most_hz, _DEFAULT_HZ, channel.report)
+                read_within(first, HERTZ, least, channel.most_hz, _first_hz(channel), channel.report)
             )
         _set_amplitude(channel, (amplitude,))
         channel.set_offset(read_within(offset, VOLT, *channel.offset_span_v, 0.0, channel.report))
@@ -151,55 +172,47 @@ def _apply(word: str) -> Callable[[Channel, Tokens], None]:
     return apply
 
 
-def _applied(channel: Channel, _: Tokens) -> str:
-    first = channel.arb_rate_hz if channel.function == "ARB" else channel.frequency_hz
-    numbers = (first, channel.amplitude_in(channel.amplitude_vpp), channel.offset_v)
-    return f'"{channel.function} {",".join(map(answer_number, numbers))}"'
+def _applied(answer: Callable[[float], str]) -> Callable[[Levels, Tokens], str]:
+    def applied(channel: Levels, _: Tokens) -> str:
+        first = channel.arb_rate_hz if channel.plays_by_rate else channel.frequency_hz
+        numbers = (first, channel.amplitude_in(channel.amplitude_vpp), channel.offset_v)
+        return f'"{channel.function} {",".join(map(answer, numbers))}"'
+
+    return applied
 
 
-def add_voltage_commands(commands: ChannelCommands) -> None:
-    """Add amplitude, offset, levels, unit, limits and load."""
-    commands.add(f"{_LEVEL}[:AMPLitude]", _set_amplitude, _amplitude, asks=1)
+def add_level_commands(commands: ChannelCommands[C]) -> None:
+    """Add amplitude, offset, levels and unit."""
+    commands.add(f"{_LEVEL}[:AMPLitude]", _set_amplitude, _amplitude(commands.answer), asks=1)
     commands.add_number(
         f"{_LEVEL}:OFFSet",
         VOLT,
         lambda channel: (*channel.offset_span_v, 0.0),
         lambda channel: channel.offset_v,
-        Channel.set_offset,
+        Levels.set_offset,
     )
     for high, name in ((True, "HIGH"), (False, "LOW")):
         _add_level(commands, name, high)
     commands.add("[SOURce#:]VOLTage:UNIT", _set_unit, lambda channel, _: channel.unit)
-    commands.add(
-        "[SOURce#:]VOLTage:LIMit:STATe",
-        lambda channel, tokens: channel.set_limits(read_boolean(tokens[0])),
-        lambda channel, _: "1" if channel.limits_on else "0",
-    )
+
+
+def add_load_command(commands: ChannelCommands[C], header: str) -> None:
+    """Add the load setting."""
     commands.add_number(
-        "OUTPut#:LOAD",
+        header,
         OHM,
-        lambda channel: (1.0, 10e3, 50.0),
+        lambda channel: (*channel.model.load_span_ohm, 50.0),
         lambda channel: channel.load_ohm,
-        Channel.set_load,
+        Levels.set_load,
         infinite=True,
     )
 
 
-def _add_level(commands: ChannelCommands, name: str, high: bool) -> None:
-    def level_span(channel: Channel) -> Span:
+def _add_level(commands: ChannelCommands[C], name: str, high: bool) -> None:
+    def level_span(channel: Levels) -> Span:
         low, top = channel.window_v
-        step = channel.least_vpp
-        return (low + step, top, _DEFAULT_VPP / 2) if high else (low, top - step, -_DEFAULT_VPP / 2)
-
-    def limit_span(channel: Channel) -> Span:
-        low, top = channel.limit_span(high)
-        return low, top, top if high else low
-
-    def set_limit(channel: Channel, volts: float) -> None:
-        if high:
-            channel.limit_high_v = volts
-        else:
-            channel.limit_low_v = volts
+        step, usual = channel.least_vpp, channel.model.after_reset.amplitude_vpp / 2
+        return (low + step, top, usual) if high else (low, top - step, -usual)
 
     commands.add_number(
         f"{_LEVEL}:{name}",
@@ -208,8 +221,32 @@ def _add_level(commands: ChannelCommands, name: str, high: bool) -> None:
         lambda channel: channel.levels()[high],
         lambda channel, volts: channel.set_level(volts, high),
     )
+
+
+def add_limit_commands(commands: ChannelCommands[C], header: str, state: str = ":STATe") -> None:
+    """Add the instrument's own voltage limits: ``header:HIGH``, ``:LOW`` and their switch."""
+    commands.add(
+        f"{header}{state}",
+        lambda channel, tokens: channel.set_limits(read_boolean(tokens[0])),
+        lambda channel, _: "1" if channel.limits_on else "0",
+    )
+    for high, name in ((True, "HIGH"), (False, "LOW")):
+        _add_limit(commands, f"{header}:{name}", high)
+
+
+def _add_limit(commands: ChannelCommands[C], header: str, high: bool) -> None:
+    def limit_span(channel: Levels) -> Span:
+        low, top = channel.limit_span(high)
+        return low, top, top if high else low
+
+    def set_limit(channel: Levels, volts: float) -> None:
+        if high:
+            channel.limit_high_v = volts
+        else:
+            channel.limit_low_v = volts
+
     commands.add_number(
-        f"[SOURce#:]VOLTage:LIMit:{name}",
+        header,
         VOLT,
         limit_span,
         lambda channel: channel.limit_high_v if high else channel.limit_low_v,
@@ -217,11 +254,12 @@ def _add_level(commands: ChannelCommands, name: str, high: bool) -> None:
     )
 
 
-def _amplitude_span(channel: Channel) -> dict[str, float]:
-    return {"MIN": channel.least_vpp, "MAX": channel.most_vpp, "DEF": _DEFAULT_VPP}
+def _amplitude_span(channel: Levels) -> dict[str, float]:
+    usual = channel.model.after_reset.amplitude_vpp
+    return {"MIN": channel.least_vpp, "MAX": channel.most_vpp, "DEF": usual}
 
 
-def _set_amplitude(channel: Channel, tokens: Tokens) -> None:
+def _set_amplitude(channel: Levels, tokens: Tokens) -> None:
     word = read_limit(tokens[0])
     span = _amplitude_span(channel)
     if word in span:
@@ -232,12 +270,15 @@ def _set_amplitude(channel: Channel, tokens: Tokens) -> None:
     channel.set_amplitude(value, "VPP" if unit == "V" else unit or channel.unit)
 
 
-def _amplitude(channel: Channel, tokens: Tokens) -> str:
-    word = read_limit(tokens[0]) if tokens else ""
-    return answer_number(channel.amplitude_in(_amplitude_span(channel).get(word, channel.amplitude_vpp)))
+def _amplitude(answer: Callable[[float], str]) -> Callable[[Levels, Tokens], str]:
+    def amplitude(channel: Levels, tokens: Tokens) -> str:
+        word = read_limit(tokens[0]) if tokens else ""
+        return answer(channel.amplitude_in(_amplitude_span(channel).get(word, channel.amplitude_vpp)))
+
+    return amplitude
 
 
-def _set_unit(channel: Channel, tokens: Tokens) -> None:
+def _set_unit(channel: Levels, tokens: Tokens) -> None:
     unit = _UNIT_CHOICES.read(tokens[0])
     if unit == "DBM":
         channel.check_load()

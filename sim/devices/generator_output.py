@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from belahil.generators import ArbBlock, Function, GeneratorSetting, TriggerSource
 
@@ -11,11 +11,92 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.stimuli import Interpolation
-    from sim.devices.generator_channel import Channel
 
-_SHAPES: dict[str, Function] = {"SIN": "SIN", "ARB": "ARB", "DC": "DC"}
-_SOURCES: dict[str, TriggerSource] = {"IMM": "IMM", "EXT": "EXT", "BUS": "BUS", "TIM": "TIM"}
 _DEFAULT = GeneratorSetting()
+
+
+class Played(Protocol):
+    """What the output of a channel depends on; volts are volts into `load_ohm`."""
+
+    @property
+    def output(self) -> bool:
+        """Whether the output is on."""
+        ...
+
+    @property
+    def function(self) -> str:
+        """Shape in the family's own word."""
+        ...
+
+    @property
+    def shape(self) -> Function:
+        """The same as the plant knows it."""
+        ...
+
+    @property
+    def frequency_hz(self) -> float:
+        """Of a sine."""
+        ...
+
+    @property
+    def amplitude_vpp(self) -> float:
+        """Peak to peak."""
+        ...
+
+    @property
+    def offset_v(self) -> float:
+        """Offset."""
+        ...
+
+    @property
+    def load_ohm(self) -> float:
+        """The load setting; ``inf`` for high impedance."""
+        ...
+
+    @property
+    def polarity(self) -> str:
+        """NORM or INV."""
+        ...
+
+    @property
+    def burst(self) -> bool:
+        """Whether bursts are played."""
+        ...
+
+    @property
+    def is_plain_burst(self) -> bool:
+        """Whether a burst is one whole waveform per trigger."""
+        ...
+
+    @property
+    def source(self) -> TriggerSource:
+        """What starts a burst."""
+        ...
+
+    @property
+    def trigger_delay_s(self) -> float:
+        """From the trigger to the first point."""
+        ...
+
+    @property
+    def arb_codes(self) -> NDArray[np.int16]:
+        """Points of the selected waveform; the same object until it changes."""
+        ...
+
+    @property
+    def full_code(self) -> int:
+        """Code of half the amplitude."""
+        ...
+
+    @property
+    def point_rate_hz(self) -> float:
+        """Points of the selected waveform per second."""
+        ...
+
+    @property
+    def interpolation(self) -> Interpolation:
+        """What is between its points."""
+        ...
 
 
 class OutputStage:
@@ -26,15 +107,15 @@ class OutputStage:
         self._block: ArbBlock | None = None
         self._polarity = ""
 
-    def setting(self, channel: Channel) -> GeneratorSetting:
+    def setting(self, channel: Played) -> GeneratorSetting:
         """Return what leaves the output; fields that do not matter to it have their defaults.
 
         A burst that a `GeneratorSetting` cannot describe (several cycles, gated, from a phase, point by
         point) is function "OTHER", as are the shapes that the plant does not know.
         """
-        function = _SHAPES.get(channel.function, "OTHER")
+        function = channel.shape
         burst = channel.burst and function != "DC"
-        if burst and not _is_plain(channel):
+        if burst and not channel.is_plain_burst:
             function = "OTHER"
         has_amplitude = function in ("SIN", "ARB")
         return GeneratorSetting(
@@ -46,35 +127,23 @@ class OutputStage:
             load_ohm=channel.load_ohm,
             arb=self._arb_block(channel) if function == "ARB" else None,
             burst=burst,
-            trigger_source=_SOURCES[channel.trigger_source] if burst else _DEFAULT.trigger_source,
+            trigger_source=channel.source if burst else _DEFAULT.trigger_source,
             trigger_delay_s=channel.trigger_delay_s if burst else _DEFAULT.trigger_delay_s,
         )
 
-    def _arb_block(self, channel: Channel) -> ArbBlock:
-        codes = channel.arbs.codes(channel.arb_name)
-        # NORM is a vendor's filter without published response; straight lines are assumed.
-        interpolation: Interpolation = "linear" if channel.arb_filter == "NORM" else "hold"
+    def _arb_block(self, channel: Played) -> ArbBlock:
+        codes, rate_hz, interpolation = channel.arb_codes, channel.point_rate_hz, channel.interpolation
         block = self._block
         if (
             block is None
             or self._codes is not codes
             or self._polarity != channel.polarity
-            or (block.sample_rate_hz, block.interpolation) != (channel.arb_rate_hz, interpolation)
+            or (block.sample_rate_hz, block.interpolation) != (rate_hz, interpolation)
         ):
             played = -codes if channel.polarity == "INV" else codes
-            block = ArbBlock(played, channel.arb_rate_hz, interpolation)
+            block = ArbBlock(played, rate_hz, interpolation, channel.full_code)
             self._codes, self._polarity, self._block = codes, channel.polarity, block
         return block
-
-
-def _is_plain(channel: Channel) -> bool:
-    """Tell whether a burst is one whole waveform per trigger."""
-    return (
-        channel.burst_mode == "TRIG"
-        and channel.burst_cycles == 1
-        and channel.burst_phase_deg == 0
-        and channel.arb_advance == "SRAT"
-    )
 
 
 def is_played(setting: GeneratorSetting) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from belahil.generators import GeneratorModel, round_to_step
-from sim.devices.generator_channel import Channel
+from sim.devices.generator_channel import Levels
 from sim.devices.scpi.numeric import (
     DEGREE,
     HERTZ,
@@ -20,7 +20,8 @@ from sim.devices.scpi.numeric import (
 from sim.devices.scpi.parameters import Choices, read_boolean, read_limit, read_within
 from sim.devices.scpi.tree import Action, Call, HeaderTree
 
-Choose = Callable[[Call], Channel]
+Choose = Callable[[Call], Levels]
+Answer = Callable[[float], str]
 ChooseAny = Callable[[Call], object]
 
 
@@ -36,8 +37,8 @@ class Number(NamedTuple):
     step: float = 0.0
     infinite: bool = False
 
-    def enter(self, tree: HeaderTree, choose: Choose) -> None:
-        """Add command and query to a tree; `choose` finds the channel of a call."""
+    def enter(self, tree: HeaderTree, choose: Choose, answer: Answer = answer_number) -> None:
+        """Add command and query to a tree; `choose` finds the channel of a call, `answer` writes numbers."""
         most, step = self.most, self.step
 
         def set_it(call: Call) -> None:
@@ -56,7 +57,7 @@ class Number(NamedTuple):
         def get_it(call: Call) -> str:
             word = read_limit(call.parameters[0]) if call.parameters else ""
             known = {"MIN": self.least, "MAX": most, "DEF": self.default}
-            return answer_number(known.get(word, getattr(choose(call), self.field)))
+            return answer(known.get(word, getattr(choose(call), self.field)))
 
         tree.add(self.header, Action(set_it, 1, 1), Action(get_it, 0, 1))
 
@@ -68,7 +69,7 @@ class Word(NamedTuple):
     field: str
     choices: Choices
 
-    def enter(self, tree: HeaderTree, choose: ChooseAny) -> None:
+    def enter(self, tree: HeaderTree, choose: ChooseAny, answer: Answer = answer_number) -> None:
         """Add command and query to a tree; `choose` finds the channel of a call."""
 
         def set_it(call: Call) -> None:
@@ -85,7 +86,7 @@ class Switch(NamedTuple):
     header: str
     field: str
 
-    def enter(self, tree: HeaderTree, choose: ChooseAny) -> None:
+    def enter(self, tree: HeaderTree, choose: ChooseAny, answer: Answer = answer_number) -> None:
         """Add command and query to a tree; `choose` finds the channel of a call."""
 
         def set_it(call: Call) -> None:
