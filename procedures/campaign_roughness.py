@@ -20,6 +20,7 @@ from belahil.chunks import Chunk
 from belahil.errors import RefusedInput
 from procedures.range_scenes import MEAN_REFLECTANCE, REFLECTANCES, base_scene
 from procedures.roughness_chunks import CASES, MARGIN
+from procedures.roughness_statistics import SLOPE_DEG
 from procedures.study_ground import LEVELS, digest, terrain_file
 from sim.laser import beam_sigma_m
 from sim.scene import as_toml
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from belahil.outcome import Outcome
     from sim.scene import Scene
 
-TILTS_DEG = (0.0, 10.0)
-"""Level ground, and the mean slope of Mercury at this scale (paper), so that it occurs at every roughness."""
 FACTORS = (1.5, 2.0, 3.0)
 """Times the heights of the roughest fractal: without them footprints of 1 m and more are too few. Assumed."""
 ALTITUDES_M = (400e3, 600e3, 700e3, 800e3, 900e3, 1000e3, 1100e3)
@@ -61,6 +60,10 @@ class RoughnessOptions:
         A terrain model whose footprints are shown beside: a GeoTIFF, or a scene over posts.
     altitudes : bool
         Whether other altitudes are studied.
+    slope_deg : float
+        By which the fractals are tilted beside level ones, so that it occurs at every roughness, and of the
+        best pulse of footprints whose residuals are compared, 1 to 30. Default 10, the mean slope of Mercury
+        at this scale (paper).
     ellipticity : float
         Of the beam, 1 - minor / major axis, 0 to 0.9; 0: the round beam of the preset. The major axis is
         along x, the geometric mean of both axes that of the preset.
@@ -80,6 +83,7 @@ class RoughnessOptions:
     per_side: int = 22
     terrain: str | None = None
     altitudes: bool = True
+    slope_deg: float = SLOPE_DEG
     ellipticity: float = 0.0
     by_beam: bool = False
     seed: int = 1
@@ -92,6 +96,8 @@ class RoughnessOptions:
             raise RefusedInput(
                 f"{self.sets} sets of {self.per_side} x {self.per_side} footprints: at least 2 sets of 2 x 2"
             )
+        if not 1 <= self.slope_deg <= 30:
+            raise RefusedInput(f"slope_deg = {self.slope_deg:g}: allowed are 1 to 30")
         if not 0 <= self.ellipticity <= 0.9:
             raise RefusedInput(f"ellipticity = {self.ellipticity:g}: allowed are 0 (a round beam) to 0.9")
         if min(self.seed, self.ground_seed) < 0:
@@ -112,7 +118,7 @@ def plan(options: RoughnessOptions) -> CampaignPlan:
     jobs: list[tuple[str, str, dict[str, Any]]] = []
     here = {"cases": list(CASES), "reflectances": [MEAN_REFLECTANCE]}
     for number in range(options.sets):
-        for tilt_deg in TILTS_DEG:
+        for tilt_deg in (0.0, options.slope_deg):
             for level, factor in fractals + more:
                 given = _fractal(scene, options, (level, factor), number, tilt_deg) | here
                 kind = "extra" if factor != 1.0 else "fractal"
@@ -121,7 +127,7 @@ def plan(options: RoughnessOptions) -> CampaignPlan:
         # Every altitude with the same few terrains, this one among them.
         for altitude_m in sorted({*ALTITUDES_M, options.altitude_m}):
             for level, factor, number in (*_SPARSE, *_ROUGH):
-                ground, tilt_deg = (level, factor), TILTS_DEG[1]
+                ground, tilt_deg = (level, factor), options.slope_deg
                 given = _fractal(
                     _scene(options, altitude_m), options, ground, options.sets + number, tilt_deg
                 )

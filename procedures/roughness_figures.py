@@ -168,9 +168,10 @@ def shape_figure(found: RoughnessResults) -> Figure:
     """Draw cumulative shares of residuals for three bins, and maps of them, by case."""
     figure = Figure(figsize=(10.5, 10.5), layout="constrained")
     figure.set_label(
-        "Mean squared residuals (MSR) of footprints whose best pulse has 9 to 11 degrees, by rows without "
-        "noise, by night and by day. Left: cumulative share for three bins of roughness. Right: the same "
-        "by roughness, each bin for itself; lines: below them are 50, 70, 90, 95 and 99 %."
+        "Mean squared residuals (MSR) of footprints whose best pulse has "
+        f"{found.everything.compared_deg:g} degrees, by rows without noise, by night and by day. "
+        "Left: cumulative share for three bins of roughness. Right: the same by roughness, each bin for "
+        "itself; lines: below them are 50, 70, 90, 95 and 99 %."
     )
     grid = figure.subplots(3, 2, squeeze=False)
     for row, case in zip(grid, CASES, strict=True):

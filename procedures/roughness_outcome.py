@@ -10,7 +10,7 @@ import numpy as np
 
 from belahil.outcome import Outcome, Table
 from belahil.values import Estimate
-from procedures.campaign_roughness import FACTORS, TILTS_DEG
+from procedures.campaign_roughness import FACTORS
 from procedures.range_scenes import REFLECTANCES
 from procedures.range_truth import Definitions
 from procedures.roughness_chunks import CASES
@@ -26,7 +26,7 @@ from procedures.roughness_shape import (
     Power,
     Shape,
 )
-from procedures.roughness_statistics import COLUMNS, mean_of
+from procedures.roughness_statistics import COLUMNS, WITHIN_DEG, mean_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,7 +43,10 @@ def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outco
     """Bring everything into the form that a run keeps."""
     found = RoughnessResults(plan, results)
     planes = Definitions(by_beam=bool(plan.chunks[0].given["by_beam"])).told()["slope_and_roughness"]
-    definitions = {"slope_and_roughness": planes, **_DEFINITIONS}
+    slope_deg = found.everything.compared_deg
+    low_deg, high_deg = slope_deg - WITHIN_DEG, slope_deg + WITHIN_DEG
+    near = f" Of footprints whose best pulse has {low_deg:g} to {high_deg:g} degrees."
+    definitions = {"slope_and_roughness": planes, **_DEFINITIONS, "msr": _DEFINITIONS["msr"] + near}
     return Outcome(
         results={
             "footprints": {
@@ -69,7 +72,7 @@ def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outco
             "shape": lambda: _figure("shape_figure", found),
             "reach": lambda: _figure("reach_figure", found),
         },
-        notes=[*definitions.values(), *_NOTES, *_unseen(found)],
+        notes=[*definitions.values(), *_notes(slope_deg), *_unseen(found)],
     )
 
 
@@ -83,7 +86,7 @@ _DEFINITIONS = {
     "skewness": "Skewness: third standardized moment of the heights about the plane.",
     "msr": "MSR: mean squared residual of the samples of the correlation window about the best pulse of the "
     "library of flat slopes, scaled and moved; of the pulse: of samples where that pulse is above a tenth "
-    "of its peak alone. Of footprints whose best pulse has 9 to 11 degrees.",
+    "of its peak alone.",
     "readings": "Other readings of the residual, for comparison: largest, the largest squared one; timed, "
     "mean over the window about the best pulse that is scaled but not moved, its plane through the ground in "
     "the middle of the footprint, as where the range is known.",
@@ -92,13 +95,16 @@ _DEFINITIONS = {
     "leave more than 99 % of those below 0.1 m (by chance 1 % would), and of 100 stacked ones where the mean "
     "logarithms of residuals of both are 3 standard deviations apart. Linear between altitudes.",
 }
-_NOTES = (
-    "The eleven fractals have a Hurst exponent of 0.8 (paper) and 0.3 to 8 m RMS deviation at 65 m "
-    f"(assumed), level and tilted by {TILTS_DEG[1]:g} degrees. The roughest is also taken with "
-    f"{FACTORS[0]:g}, {FACTORS[1]:g} and {FACTORS[2]:g} times its heights: those count for residuals and "
-    "regions, not for width and skewness.",
-    "The laser's beam is the scene's; a round one makes all azimuths of the library one.",
-)
+
+
+def _notes(slope_deg: float) -> tuple[str, ...]:
+    return (
+        "The eleven fractals have a Hurst exponent of 0.8 (paper) and 0.3 to 8 m RMS deviation at 65 m "
+        f"(assumed), level and tilted by {slope_deg:g} degrees. The roughest is also taken with "
+        f"{FACTORS[0]:g}, {FACTORS[1]:g} and {FACTORS[2]:g} times its heights: those count for residuals and "
+        "regions, not for width and skewness.",
+        "The laser's beam is the scene's; a round one makes all azimuths of the library one.",
+    )
 
 
 _PREFIX: dict[Residual, str] = {"window": "", "pulse": "pulse_", "largest": "largest_", "timed": "timed_"}

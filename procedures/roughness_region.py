@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from procedures.roughness_shape import SLOPE_DEG, WITHIN_DEG
-
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -237,7 +235,7 @@ def trial(
         Makes of roughness, residuals and terrains what estimates: by mean logarithms, or
         `procedures.roughness_curves.StackedCurves`.
     """
-    near = seen.near(case, SLOPE_DEG, WITHIN_DEG, 0, residual)
+    near = seen.compared(case, 0, residual)
     roughness_m, msr_v2 = seen.roughness_m[near], seen.residual_v2(residual, case)[near]
     terrain, own = seen.ground[near], sets[near]
     truth, found, dispersions = [], [], []

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from procedures.roughness_statistics import Footprints, Residual
 
-SLOPE_DEG, WITHIN_DEG = 10.0, 1.0
-"""Best pulses with this slope, as the paper has them, and one to either side for enough of them."""
 SMOOTH_M, MIDDLE_M, ROUGH_M = (0.0, 0.1), (0.4, 0.6), (0.9, 1.1)
 BINS_M = (SMOOTH_M, MIDDLE_M, ROUGH_M)
 LIMIT_V2 = 1e-6
@@ -65,7 +63,7 @@ class Shape:
 
 def shape(seen: Footprints, case: int, reflectance: int = 0) -> Shape:
     """Sort residuals by roughness; of footprints whose best pulse has the slope."""
-    near = seen.near(case, SLOPE_DEG, WITHIN_DEG, reflectance)
+    near = seen.compared(case, reflectance)
     roughness_m, msr_v2 = seen.roughness_m[near], seen.msr_v2[reflectance, case][near]
     inside = [between(roughness_m, one) for one in BINS_M]
     shares = {residual: _above(seen, case, reflectance, residual) for residual in READINGS}
@@ -90,7 +88,7 @@ def _above(
     seen: Footprints, case: int, reflectance: int, residual: Residual
 ) -> tuple[tuple[tuple[float, float] | None, ...], tuple[int, ...]]:
     """Shares above 1 mV^2 by bin of roughness, and of how many footprints."""
-    near = seen.near(case, SLOPE_DEG, WITHIN_DEG, reflectance, residual)
+    near = seen.compared(case, reflectance, residual)
     high = (seen.residual_v2(residual, case, reflectance) > LIMIT_V2).astype(np.float64)
     inside = [near & between(seen.roughness_m, one) for one in BINS_M]
     shares = (mean_of(high[at], seen.ground[at]) if at.any() else None for at in inside)
@@ -144,7 +142,7 @@ def power(
     stream : numpy.random.Generator
         For a bootstrap.
     """
-    near = seen.near(case, SLOPE_DEG, WITHIN_DEG, reflectance, residual)
+    near = seen.compared(case, reflectance, residual)
     smooth = near & between(seen.roughness_m, SMOOTH_M)
     rough = near & between(seen.roughness_m, ROUGH_M)
     if smooth.sum() < 5 * FEWEST or rough.sum() < FEWEST:

@@ -7,7 +7,7 @@ is that between terrains (a ratio of sums over clusters), not that of single foo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
     Residual = Literal["window", "pulse", "largest", "timed"]
+
+SLOPE_DEG, WITHIN_DEG = 10.0, 1.0
+"""Of the best pulse of footprints whose residuals are compared (paper: 10 degrees; one step of the library on
+either side is assumed to count, so that there are enough)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +42,8 @@ class Footprints:
     width_s, amplitude, msr_v2, pulse_msr_v2, largest_v2, timed_msr_v2, library_deg, library_azimuth_deg, \
     timed_deg : ndarray of float64
         Of the echo, by reflectance and case; zero width where it was not detected.
+    compared_deg : float
+        Slope of the best pulse of those whose residuals are compared.
     """
 
     chunk: NDArray[np.int64]
@@ -56,6 +62,7 @@ class Footprints:
     library_deg: NDArray[np.float64]
     library_azimuth_deg: NDArray[np.float64]
     timed_deg: NDArray[np.float64]
+    compared_deg: float = field(default=SLOPE_DEG, kw_only=True)
 
     @property
     def size(self) -> int:
@@ -86,17 +93,10 @@ class Footprints:
         found = self.timed_deg if residual == "timed" else self.library_deg
         return np.asarray(found[reflectance, case])
 
-    def near(
-        self,
-        case: int,
-        slope_deg: float,
-        within_deg: float,
-        reflectance: int = 0,
-        residual: Residual = "window",
-    ) -> Mask:
-        """Detected footprints whose best pulse has a slope."""
-        off = np.abs(self.best_deg(residual, case, reflectance) - slope_deg)
-        return np.asarray((self.width_s[reflectance, case] > 0) & (off <= within_deg))
+    def compared(self, case: int, reflectance: int = 0, residual: Residual = "window") -> Mask:
+        """Detected footprints whose best pulse has the slope at which residuals are compared."""
+        off = np.abs(self.best_deg(residual, case, reflectance) - self.compared_deg)
+        return np.asarray((self.width_s[reflectance, case] > 0) & (off <= WITHIN_DEG))
 
 
 COLUMNS = ("slope_deg", "azimuth_deg", "roughness_m", "skewness", "raw_skewness")
@@ -128,7 +128,8 @@ def gathered(plan: CampaignPlan, results: Sequence[dict[str, NDArray[Any]]], kin
     )
     plain = (np.concatenate([one[name] for _, one in found]) for name in COLUMNS)
     deep = (np.concatenate([one[name] for _, one in found], axis=2) for name in ECHOES)
-    return Footprints(chunk, ground, *plain, *deep)
+    steepest_deg = max(one.given.get("tilt_deg", 0.0) for one in plan.chunks)
+    return Footprints(chunk, ground, *plain, *deep, compared_deg=steepest_deg)
 
 
 def _ground(given: Mapping[str, Any], at: int) -> int:
@@ -138,8 +139,9 @@ def _ground(given: Mapping[str, Any], at: int) -> int:
 
 def joined(parts: Sequence[Footprints]) -> Footprints:
     """Several collections as one."""
-    names = Footprints.__slots__
-    return Footprints(*(np.concatenate([getattr(one, name) for one in parts], axis=-1) for name in names))
+    names = ("chunk", "ground", *COLUMNS, *ECHOES)
+    columns = (np.concatenate([getattr(one, name) for one in parts], axis=-1) for name in names)
+    return Footprints(*columns, compared_deg=parts[0].compared_deg)
 
 
 def mean_of(values: NDArray[np.float64], cluster: NDArray[np.int64]) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from msgspec import structs
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from procedures import roughness_chunks
-from procedures.campaign_roughness import ALTITUDES_M, FACTORS, TILTS_DEG, RoughnessOptions, plan
+from procedures.campaign_roughness import ALTITUDES_M, FACTORS, RoughnessOptions, plan
 from procedures.footprint_moments import disc, white_skewness
 from procedures.library_azimuths import azimuth_of_slope, folded_deg
 from procedures.pulse_library import pulse_library
@@ -31,6 +31,7 @@ from procedures.roughness_statistics import (
     ECHOES,
     Footprints,
     cumulative,
+    gathered,
     joined,
     mean_of,
     quantile_of,
@@ -376,7 +377,25 @@ def test_a_plan_gives_each_relief_a_seed_of_its_own() -> None:
         if one.name.startswith("fractal") and one.given["tilt_deg"] == 0
     )
     assert footprint_count >= 9801
-    assert TILTS_DEG[0] == 0.0
+
+
+def test_residuals_are_compared_at_the_slope_of_the_tilted_ground() -> None:
+    # given ground at another slope
+    steep = plan(RoughnessOptions(sets=2, per_side=2, slope_deg=20.0))
+    tilts = {one.given["tilt_deg"] for one in steep.chunks if not one.name.startswith("altitude")}
+    assert tilts == {0.0, 20.0}
+    assert {one.given["tilt_deg"] for one in steep.chunks if one.name.startswith("altitude")} == {20.0}
+
+    # when its footprints are put together, whose best pulses have 18.9 to 21.1 degrees
+    best_deg = np.array([[[18.9, 19.0, 20.0, 21.0, 21.1]]])
+    none = np.zeros(5)
+    one = {name: none for name in COLUMNS} | {name: best_deg for name in ECHOES}
+    chunks = tuple(chunk for chunk in steep.chunks if chunk.name.startswith("fractal"))
+    seen = gathered(replace(steep, chunks=chunks), [one] * len(chunks), "fractal")
+
+    # then those within a degree are compared, of all collections of them
+    assert seen is not None
+    assert joined([seen, seen]).compared(0).tolist() == [False, True, True, True, False] * 2 * len(chunks)
 
 
 def test_a_terrain_model_is_cut_into_blocks(tmp_path: Path) -> None:
@@ -473,6 +492,8 @@ def test_a_block_without_a_whole_footprint_tells_nothing() -> None:
         {"ground_seed": -1},
         {"ellipticity": -0.1},
         {"ellipticity": 0.95},
+        {"slope_deg": 0.5},
+        {"slope_deg": 31.0},
     ],
 )
 def test_an_option_outside_its_range_is_refused(given: dict[str, float]) -> None:

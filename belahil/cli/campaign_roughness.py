@@ -18,6 +18,7 @@ from belahil.cli.campaigning import Place, campaign_options, perform
 )
 @click.option("--terrain", metavar="FILE|SCENE", help="A terrain model whose footprints are shown beside.")
 @click.option("--altitudes/--no-altitudes", default=None, help="Study other altitudes; yes when left out.")
+@click.option("--slope-deg", type=float, metavar="X", help="Of the ground whose residuals are compared; 10.")
 @click.option("--ellipticity", type=float, metavar="X", help="Of the beam, along x; 0, a round one.")
 @click.option("--by-beam", is_flag=True, default=None, help="Weigh planes by the beam, not the disc.")
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of all draws; 1.")
