@@ -51,6 +51,8 @@ class Endpoints:
         A PyVISA library instance; None lets PyVISA choose by the bench file.
     visa_address : str
         Resource name of the generator in that library; empty: the bench file's.
+    visa_scope_address : str
+        Resource name of an oscilloscope in that library; empty: the bench file's.
     serial_url : str
         What pyserial opens; empty: the bench file's.
     usb_backend : object or None
@@ -63,6 +65,7 @@ class Endpoints:
 
     visa_library: Any = None
     visa_address: str = ""
+    visa_scope_address: str = ""
     serial_url: str = ""
     usb_backend: Any = None
     usb_id: tuple[int, int] = (0, 0)

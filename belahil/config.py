@@ -14,6 +14,7 @@ from msgspec import Meta, field
 from belahil import strict_toml
 from belahil.errors import ConfigError
 from belahil.generators import DEFAULT_MODEL, FAMILIES, MODELS
+from belahil.oscilloscopes import SCOPES, check_scope
 from belahil.receiver import RECEIVERS, ReceiverSpec, receiver_preset
 from belahil.strict_toml import NotNegative, Positive, Strict
 
@@ -63,6 +64,8 @@ class DigitizerTable(Strict, frozen=True):
     link: str = "emulated:serial"
     receiver: str = "bela-grm"
     input_ohm: Positive = 50.0
+    full_scale_v: Annotated[float, Meta(ge=1e-3, le=1e3)] | None = None  # of an oscilloscope, as is the next
+    sample_rate_hz: Positive | None = None
 
 
 class EmulatedGenerator(Strict, frozen=True):
@@ -262,16 +265,8 @@ def check_bench(config: BenchConfig) -> None:
     least, most = MODELS[DEFAULT_MODEL[config.generator.driver]].load_span_ohm
     if not (least <= load_ohm <= most or math.isinf(load_ohm) or math.isnan(load_ohm)):
         raise ConfigError(f"[generator] load_ohm = {load_ohm:g}: allowed: {least:g} to {most:g} ohm, or inf")
-    if config.digitizer.driver != "grm":
-        raise ConfigError(f'[digitizer] driver = "{config.digitizer.driver}" is unknown; allowed: grm')
     spec = receiver_preset(config.digitizer.receiver)
-    link = config.digitizer.link
-    kinds = ("emulated:serial", "emulated:usb", "simulated")
-    if link not in kinds and not link.startswith(("serial:", "socket:", "usb:")):
-        raise ConfigError(
-            f'[digitizer] link = "{link}" is unknown; allowed: {", ".join(kinds)}, '
-            "serial:PORT, socket://HOST:PORT, usb:VID:PID[:SERIAL]"
-        )
+    _check_digitizer(config, spec)
     _ = config.source
     check_by_code(config.emulation.receiver, spec, "emulation.receiver")
     for where, numbers in strict_toml.numbers(config):
@@ -285,6 +280,34 @@ def check_bench(config: BenchConfig) -> None:
             span = getattr(config.limits, key)
             if span is not None and not span[0] <= span[1]:
                 raise ConfigError(f"[limits] {key} = [{span[0]:g}, {span[1]:g}]: low must not exceed high")
+
+
+def _check_digitizer(config: BenchConfig, spec: ReceiverSpec) -> None:
+    table = config.digitizer
+    if table.driver != "grm" and table.driver not in SCOPES:
+        raise ConfigError(
+            f'[digitizer] driver = "{table.driver}" is unknown; allowed: {", ".join(("grm", *SCOPES))}'
+        )
+    is_scope = table.driver in SCOPES
+    kinds = ("emulated:visa", "simulated") if is_scope else ("emulated:serial", "emulated:usb", "simulated")
+    begins = ("visa:",) if is_scope else ("serial:", "socket:", "usb:")
+    more = "visa:RESOURCE" if is_scope else "serial:PORT, socket://HOST:PORT, usb:VID:PID[:SERIAL]"
+    if table.link not in kinds and not table.link.startswith(begins):
+        raise ConfigError(
+            f'[digitizer] link = "{table.link}" is unknown; allowed: {", ".join(kinds)}, {more}'
+            + (f" with driver = {table.driver}" if is_scope else "")
+        )
+    if is_scope:
+        check_scope(table, spec)
+    for key in ("full_scale_v", "sample_rate_hz"):
+        if not is_scope and getattr(table, key) is not None:
+            raise ConfigError(f"[digitizer] {key}: only an oscilloscope takes it; driver is grm")
+    for key in ("adc_full_scale_v", "adc_bits"):
+        if is_scope and getattr(config.emulation.receiver, key) is not None:
+            raise ConfigError(
+                f"[emulation.receiver] {key}: the converter is the oscilloscope's, leave it out; "
+                "[digitizer] full_scale_v sets its span"
+            )
 
 
 _MAY_BE_INFINITE = ("load_ohm", "input_ohm", "bandwidth_hz")

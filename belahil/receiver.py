@@ -136,7 +136,22 @@ GALA_LIKE = ReceiverSpec(
     correlation_window_samples=64,
 )
 
-RECEIVERS = {spec.name: spec for spec in (BELA_GRM, GALA_LIKE)}
+# A receiver that ends in a connector, with an oscilloscope behind it; all its numbers are assumed: BELA's
+# filter and gain code 4, more noise, and what an oscilloscope of eight bits takes of it at 10 us a division.
+ANALOG = ReceiverSpec(
+    name="analog",
+    digitizer=DigitizerSpec(
+        sample_rate_hz=100e6, bits=8, converters=1, max_sample_count=10000, gain_codes=None
+    ),
+    order=3,
+    cutoff_hz=19.0e6,
+    gain_by_code=(5.19,),
+    noise_rms_v_by_code=(2e-3,),
+    adc_full_scale_v=0.512,
+    correlation_window_samples=42,
+)
+
+RECEIVERS = {spec.name: spec for spec in (BELA_GRM, GALA_LIKE, ANALOG)}
 
 
 def receiver_preset(name: str) -> ReceiverSpec:

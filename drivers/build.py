@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 from belahil.bench import Bench, setting_per_cut_volt
 from belahil.errors import InstrumentError, LimitExceeded
 from belahil.generators import FAMILIES, family_of, model_of
+from belahil.oscilloscopes import SCOPES, scope_spec
+from belahil.receiver import receiver_preset
 
 if TYPE_CHECKING:
     from belahil.bench import Endpoints
     from belahil.config import BenchConfig
+    from belahil.interfaces import Digitizer
     from drivers.generators.verified import VerifiedGenerator
-    from drivers.grm import GrmDigitizer
+    from drivers.oscilloscopes.scope import ScopeDigitizer
 
 
 def bench(config: BenchConfig, endpoints: Endpoints) -> Bench:
@@ -91,8 +94,10 @@ def _family_at(identity: str, driver: str) -> str:
     return driver
 
 
-def open_digitizer(config: BenchConfig, endpoints: Endpoints) -> GrmDigitizer:
-    """Open the receiver."""
+def open_digitizer(config: BenchConfig, endpoints: Endpoints) -> Digitizer:
+    """Open the receiver, or the oscilloscope at its output."""
+    if config.digitizer.driver in SCOPES:
+        return open_scope(config, endpoints)
     from drivers.grm import GrmDigitizer
     from drivers.links_grm import open_link
     from drivers.serial_link import open_serial
@@ -106,3 +111,33 @@ def open_digitizer(config: BenchConfig, endpoints: Endpoints) -> GrmDigitizer:
         return GrmDigitizer(device, endpoints.clock, "raw")
     link, framing = open_link(config.digitizer.link)
     return GrmDigitizer(link, endpoints.clock, framing)
+
+
+def open_scope(config: BenchConfig, endpoints: Endpoints) -> ScopeDigitizer:
+    """Open an oscilloscope: its settings are sent with the first window.
+
+    Raises
+    ------
+    InstrumentError
+        Nobody answers, or an oscilloscope of another family.
+    """
+    from drivers.oscilloscopes.families import DIALECTS
+    from drivers.oscilloscopes.scope import ScopeDigitizer
+    from drivers.scpi import ScpiSession
+    from drivers.visa_link import VisaLink
+
+    part = config.digitizer
+    preset = receiver_preset(part.receiver)
+    address = endpoints.visa_scope_address or part.link.removeprefix("visa:")
+    link = VisaLink(address, endpoints.visa_library or config.generator.visa_library)
+    with ExitStack() as opened:
+        opened.callback(link.close)
+        scope = ScopeDigitizer(
+            ScpiSession(link, endpoints.clock, address),
+            endpoints.clock,
+            DIALECTS[part.driver],
+            scope_spec(part, preset),
+            part.full_scale_v or preset.adc_full_scale_v,
+        )
+        opened.pop_all()
+    return scope

@@ -101,6 +101,37 @@ class ScpiSession:
             self.recover()
             raise
 
+    def ask_block(self, query: str) -> bytes:
+        """Send one query whose answer is a definite-length block, and return what is in the block.
+
+        The marked question behind it proves that nothing else was on its way. Line feeds that some
+        instruments send after a block are read over.
+
+        Raises
+        ------
+        LinkError
+            No proof of an answer; the session is in step again, unless the link is closed or silent.
+        """
+        if not self._in_step:
+            self._get_in_step()
+        try:
+            deadline_s = self._clock.now_s() + ANSWER_TIMEOUT_S
+            self._write(f"{query}\n".encode("ascii"))
+            data = self._block(deadline_s)
+            tag = self._next_tag()
+            self._write(f"*ESE {tag};*ESE?\n".encode("ascii"))
+            fields = [""]
+            while fields == [""]:
+                fields = self._fields(deadline_s)
+            if len(fields) != 1 or _number(fields[0]) != tag:
+                raise self._wrong(fields, tag)
+            return data
+        except LinkClosed:
+            raise
+        except LinkError:
+            self.recover()
+            raise
+
     def errors(self) -> list[tuple[int, str]]:
         """Empty the instrument's error queue, oldest first.
 
@@ -180,6 +211,35 @@ class ScpiSession:
             line += data
         line, _, self._rest = line.partition(b"\n")
         return _FIELD.findall(line.decode("latin-1").strip()) or [""]
+
+    def _block(self, deadline_s: float) -> bytes:
+        """Read ``#``, one digit, so many digits, and so many bytes; what follows stays unread."""
+        self._have(2, deadline_s)
+        head = self._rest[:2]
+        if not re.fullmatch(rb"#[1-9]", head):
+            raise CorruptData(f"{self._name}: answer {self._rest[:_SHOWN_BYTES]!r} is no block")
+        begin = 2 + int(head[1:])
+        self._have(begin, deadline_s)
+        count = self._rest[2:begin]
+        if not count.isdigit():
+            raise CorruptData(f"{self._name}: answer {self._rest[:_SHOWN_BYTES]!r} is no block")
+        end = begin + int(count)
+        self._have(end, deadline_s)
+        data, self._rest = self._rest[begin:end], self._rest[end:]
+        return data
+
+    def _have(self, count: int, deadline_s: float) -> None:
+        """Read until so many bytes of an answer are there."""
+        parts, size = [self._rest], len(self._rest)
+        while size < count:
+            data = self._link.read(_READ_BYTES, max(0.0, deadline_s - self._clock.now_s()))
+            if not data:
+                raise LinkTimeout(
+                    f"{self._name}: {size} bytes of a block of {count} in {ANSWER_TIMEOUT_S:g} s"
+                )
+            parts.append(data)
+            size += len(data)
+        self._rest = b"".join(parts)
 
     def _unnamed(self, said: list[str], tag: int, silence: LinkTimeout) -> LinkError:
         """Say why an instrument could not be identified: the last thing it said, or that it said nothing."""

@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 from belahil.bench import Bench, Endpoints
 from belahil.errors import ConfigError
+from belahil.oscilloscopes import SCOPES
 from sim.generator_path import true_model
 from sim.plant import Plant
 
 if TYPE_CHECKING:
     from belahil.config import BenchConfig
+    from sim.oscilloscope import ScopeReceiver
 
 VISA_ADDRESS = "TCPIP0::emulated::inst0::INSTR"
+SCOPE_ADDRESS = "TCPIP0::emulated-scope::inst0::INSTR"
 
 
 def bench(config: BenchConfig) -> Bench:
@@ -34,10 +37,20 @@ def bench(config: BenchConfig) -> Bench:
         A truth that cannot be.
     """
     from sim.instruments import SimulatedDigitizer, SimulatedGenerator
+    from sim.simulated_scope import SimulatedScope
 
-    plant = Plant(config)
+    scope = scope_receiver(config)
+    plant = Plant(config, scope)
     generator = SimulatedGenerator(plant, true_model(config), config.generator.load_ohm)
-    return Bench(generator, SimulatedDigitizer(plant), config, plant.clock)
+    digitizer = SimulatedDigitizer(plant) if scope is None else SimulatedScope(plant, scope)
+    return Bench(generator, digitizer, config, plant.clock)
+
+
+def scope_receiver(config: BenchConfig) -> ScopeReceiver | None:
+    """Return the receiver behind an oscilloscope; None where the receiver has its own converters."""
+    from sim.oscilloscope import ScopeReceiver
+
+    return ScopeReceiver(config) if config.digitizer.driver in SCOPES else None
 
 
 def endpoints(config: BenchConfig) -> Endpoints:
@@ -46,7 +59,7 @@ def endpoints(config: BenchConfig) -> Endpoints:
     Parameters
     ----------
     config : BenchConfig
-        Its link is ``emulated:serial`` or ``emulated:usb``.
+        Its link is ``emulated:serial`` or ``emulated:usb``, or ``emulated:visa`` for an oscilloscope.
 
     Raises
     ------
@@ -57,10 +70,17 @@ def endpoints(config: BenchConfig) -> Endpoints:
     from sim.devices.grm import GrmDevice
     from sim.transports.visa_library import EmulatedVisa
 
-    plant = Plant(config)
+    scope = scope_receiver(config)
+    plant = Plant(config, scope)
+    visa = EmulatedVisa(plant.clock)
     reached: dict[str, Any] = {}
     link = config.digitizer.link
-    if link == "emulated:serial":
+    if scope is not None and link == "emulated:visa":
+        from sim.devices.oscilloscopes.families import DEVICES
+
+        visa.plug(SCOPE_ADDRESS, DEVICES[config.digitizer.driver](plant, scope))
+        reached["visa_scope_address"] = SCOPE_ADDRESS
+    elif link == "emulated:serial":
         from sim.transports.serial_port import register_serial
 
         receiver = GrmDevice(plant, "cobs", plant.clock)
@@ -71,7 +91,10 @@ def endpoints(config: BenchConfig) -> Endpoints:
         usb = EmulatedUsb(GrmDevice(plant, "raw", plant.clock), plant.clock)
         reached |= {"usb_backend": usb, "usb_id": usb.usb_id}
     else:
-        raise ConfigError(f'link = "{link}": emulated are emulated:serial and emulated:usb')
+        raise ConfigError(
+            f'link = "{link}": emulated are emulated:serial and emulated:usb, '
+            "and emulated:visa for an oscilloscope"
+        )
     generator = generator_device(true_model(config), plant)
-    visa = EmulatedVisa(plant.clock).plug(VISA_ADDRESS, generator)
+    visa.plug(VISA_ADDRESS, generator)
     return Endpoints(visa_library=visa, visa_address=VISA_ADDRESS, clock=plant.clock, **reached)

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from belahil.receiver import DigitizerSpec
     from belahil.values import RangeWindow, Trigger, WindowRequest
+    from sim.oscilloscope import ScopeReceiver
     from sim.rfm import RangeFinder
 
 FEWEST_SEARCHED = 4
@@ -66,6 +67,8 @@ class Plant:
     ----------
     config : BenchConfig
         The hidden truth in ``[emulation]``, the attenuator, and who triggers when.
+    receiver : ReceiverModel or ScopeReceiver, optional
+        What digitizes; by default the receiver of the bench file with its own converters.
 
     Raises
     ------
@@ -73,13 +76,13 @@ class Plant:
         A truth that cannot be.
     """
 
-    def __init__(self, config: BenchConfig) -> None:
+    def __init__(self, config: BenchConfig, receiver: ReceiverModel | ScopeReceiver | None = None) -> None:
         self._preset = preset = receiver_preset(config.digitizer.receiver)
         self.clock = PlantClock()
         self.identity = f"belahil,{preset.name},EMULATED,0.00-emulated"
         self._path = generator_path(config)
         self._transmitter = Transmitter(config.emulation.transmitter)
-        self._receiver = ReceiverModel(receiver_truth(config), preset.digitizer)
+        self._receiver = receiver or ReceiverModel(receiver_truth(config), preset.digitizer)
         self._seed = config.emulation.seed
         self._trigger_delay_s = config.bench.trigger_delay_s
         self._setting = GeneratorSetting()

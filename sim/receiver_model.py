@@ -135,13 +135,23 @@ class ReceiverModel:
             receiver's clock; sample 0 is taken ``round(delay_s / nominal interval)`` edges later, and
             `start_s` is that many nominal intervals.
         """
+        return self.digitized(self.converted(stimulus, request, draws, trigger_s), request)
+
+    def converted(
+        self,
+        stimulus: NoSignal | Sine | SampledPulse,
+        request: WindowRequest,
+        draws: Draws,
+        trigger_s: float = 0.0,
+    ) -> NDArray[np.float64]:
+        """Return the volts at the converter that `window` quantizes, shape (sample_count,)."""
         edges = self.edges(request)
         volts = self._filtered(stimulus, request.sample_count, edges, draws, trigger_s)
         # A shot pulse that starts a window also fires the laser.
         if self.burst is not None and request.trigger == "digitizer":
             since_s = (draws.uniform("sampling_phase") + edges) * self.grid.interval_s
             volts += self.burst.at(self.grid.times_s(request.sample_count, since_s))
-        return self.digitized(self.at_converter(volts, request.gain_code, draws), request)
+        return self.at_converter(volts, request.gain_code, draws)
 
     def edges(self, request: WindowRequest) -> int:
         """Return how many edges of the receiver's clock after its trigger a window begins.

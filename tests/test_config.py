@@ -62,7 +62,7 @@ cutoff_hz = [18e6, 20e6]
         ("[generator]\nattenuation_db = 7000.0", "[generator] attenuation_db: expected a number <= 200"),
         ("[emulation.receiver.interleave]\ngain = -inf", "[emulation.receiver.interleave] gain is infinite"),
         ("[generator]\ndriver = 'x'", 'driver = "x" is unknown; allowed: keysight-33500'),
-        ("[digitizer]\nreceiver = 'x'", 'receiver = "x" is unknown; allowed: bela-grm'),
+        ("[digitizer]\nreceiver = 'x'", 'receiver = "x" is unknown; allowed: analog, bela-grm'),
         ("[digitizer]\nlink = 'simulated'", "both must be emulated, both simulated, or both real"),
         ("[limits]\ngain = [2, 1]", "[limits] gain = [2, 1]: low must not exceed high"),
         ("a =", "not valid TOML"),

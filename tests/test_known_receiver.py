@@ -40,7 +40,8 @@ SWEEP = ["--codes", "3,6", "--amplitudes-mvpp", "30,100", "--frequencies-mhz", "
 def test_the_preset_is_assumed_to_a_percent(name: str) -> None:
     spec = RECEIVERS[name]
     known = preset_receiver(BenchConfig(digitizer=DigitizerTable(receiver=name)))
-    assert (known.order, known.bits, known.converters) == (spec.order, spec.digitizer.bits, 2)
+    digitizer = spec.digitizer
+    assert (known.order, known.bits, known.converters) == (spec.order, digitizer.bits, digitizer.converters)
     assert known.cutoff.standard_uncertainty == pytest.approx(0.01 * spec.cutoff_hz)
     assert [one.gain.value for one in known.codes] == list(spec.gain_by_code)
     assert known.true_interval_s == known.sample_interval_s == 1 / spec.digitizer.sample_rate_hz

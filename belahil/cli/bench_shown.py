@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from belahil.generators import FAMILIES, MODELS
+from belahil.oscilloscopes import SCOPES
 from belahil.receiver import RECEIVERS
 from belahil.report.tables import span_text
 from belahil.uncertainty import sized
@@ -17,10 +18,12 @@ if TYPE_CHECKING:
 LINKS = (
     ("emulated:serial", "the emulated receiver behind pyserial"),
     ("emulated:usb", "the emulated receiver behind pyusb"),
+    ("emulated:visa", "an emulated oscilloscope behind PyVISA"),
     ("simulated", "the receiver's model without any link"),
     ("serial:COM3", "a serial port; serial:///dev/ttyUSB0?baud=921600 sets the rate too"),
     ("socket://host:port", "a serial line over TCP"),
     ("usb:VID:PID[:SERIAL]", "USB bulk, numbers in hexadecimal"),
+    ("visa:RESOURCE", "an oscilloscope, by its VISA resource name"),
 )
 
 
@@ -38,6 +41,7 @@ def catalogue() -> str:
                 f"{sized(model.min_amplitude_vpp, 'Vpp')} to {sized(2 * model.max_peak_v, 'Vpp')} into 50 ohm"
             )
     lines += ["digitizers ([digitizer] driver):", "  grm: the GRM link, docs/grm-link.md"]
+    lines += [f"  {driver}: an oscilloscope at the receiver's analog output" for driver in SCOPES]
     lines += ["receivers ([digitizer] receiver):", *(f"  {_receiver(spec)}" for spec in RECEIVERS.values())]
     lines += ["links ([digitizer] link):", *(f"  {link}: {what}" for link, what in LINKS)]
     return "\n".join(lines)
@@ -79,8 +83,8 @@ def _receiver(spec: ReceiverSpec) -> str:
     digitizer = spec.digitizer
     codes = len(digitizer.gain_codes or ())
     return (
-        f"{spec.name}: {digitizer.converters} converters of {digitizer.bits} bit at "
-        f"{sized(digitizer.sample_rate_hz, 'Sa/s')} in all, windows of up to "
+        f"{spec.name}: {digitizer.converters} converter{'s' if digitizer.converters > 1 else ''} of "
+        f"{digitizer.bits} bit at {sized(digitizer.sample_rate_hz, 'Sa/s')} in all, windows of up to "
         f"{digitizer.max_sample_count} samples, "
         f"{codes or 'no'} gain codes, order {spec.order}, cut-off {sized(spec.cutoff_hz, 'Hz')}"
     )

@@ -1,0 +1,1 @@
+"""Oscilloscopes as digitizers: one driver, and a dialect for each family."""

@@ -1,0 +1,103 @@
+"""How one family of oscilloscopes is spoken to."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from belahil.errors import CorruptData
+
+if TYPE_CHECKING:
+    from belahil.oscilloscopes import ScopeModel, ScopeRecord, ScopeSetting
+    from drivers.scpi import ScpiSession
+
+READ_BACK_TOLERANCE = 1e-3
+"""Relative; what the instrument rounded counts in its preamble all the same."""
+
+
+class Item(NamedTuple):
+    """A command, the question that reads it back, and what that has to answer."""
+
+    command: str
+    query: str
+    expected: str | float
+
+
+class ScopeDialect(Protocol):
+    """The words of one family; state and proof are the driver's."""
+
+    model: ScopeModel
+    known: re.Pattern[str]
+    """Identities of this family."""
+    stop: str
+    """Waits no longer."""
+    start: str
+    """Waits for one trigger."""
+    force: str
+    """Takes the record now."""
+
+    def items(self, setting: ScopeSetting) -> tuple[Item, ...]:
+        """Return all that has to be set for a record."""
+        ...
+
+    def mark(self, shot: int) -> Item:
+        """Return how the shot is written where it changes nothing."""
+        ...
+
+    def forget(self, session: ScpiSession) -> None:
+        """Empty the registers that tell of earlier acquisitions."""
+        ...
+
+    def is_armed(self, session: ScpiSession) -> bool:
+        """Tell whether the instrument waits for its trigger since `start`."""
+        ...
+
+    def is_done(self, session: ScpiSession) -> bool:
+        """Tell whether the acquisition that was started has come to its end.
+
+        Raises
+        ------
+        StaleData
+            It has ended without a trigger.
+        """
+        ...
+
+    def record(self, session: ScpiSession, setting: ScopeSetting) -> ScopeRecord:
+        """Read the record.
+
+        Raises
+        ------
+        CorruptData
+            What came is none, or not in the format that was set.
+        """
+        ...
+
+
+def agrees(answer: str, expected: str | float) -> bool:
+    """Tell whether a setting that was read back is the one that was sent."""
+    if isinstance(expected, str):
+        return answer.strip().upper() == expected.upper()
+    try:
+        return math.isclose(
+            float(answer), expected, rel_tol=READ_BACK_TOLERANCE, abs_tol=READ_BACK_TOLERANCE * 1e-9
+        )
+    except ValueError:
+        return False
+
+
+def numbers(answer: str, count: int, what: str) -> list[float]:
+    """Read numbers with commas between them.
+
+    Raises
+    ------
+    CorruptData
+        There are not `count` of them, or one is not finite.
+    """
+    try:
+        found = [float(field) for field in answer.split(",")]
+    except ValueError:
+        found = []
+    if len(found) != count or not all(map(math.isfinite, found)):
+        raise CorruptData(f"{what} {answer[:120]!r}: {count} numbers with commas between them are due")
+    return found

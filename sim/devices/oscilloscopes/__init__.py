@@ -1,0 +1,1 @@
+"""Oscilloscopes that speak SCPI, one module for each family."""

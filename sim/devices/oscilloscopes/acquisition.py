@@ -1,0 +1,118 @@
+"""What all emulated oscilloscopes share: they are armed, they wait, they hold a record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from belahil.values import WindowRequest
+from sim.devices.scpi import ScpiDevice
+
+if TYPE_CHECKING:
+    from belahil.oscilloscopes import ScopeModel
+    from belahil.values import RangeWindow, Trigger
+
+
+class ScopePort(Protocol):
+    """The oscilloscope's side of the plant."""
+
+    def arm(self, request: WindowRequest) -> None:
+        """Prepare a record; unless it waits for the generator it is digitized now."""
+        ...
+
+    def collect(self) -> RangeWindow | None:
+        """Hand over the record once it has been digitized."""
+        ...
+
+    def abort(self) -> None:
+        """Forget what is armed."""
+        ...
+
+
+class ScopeFront(Protocol):
+    """The settings of an oscilloscope that decide which codes it gives."""
+
+    model: ScopeModel
+    full_scale_v: float
+    offset_v: float
+    interval_s: float
+
+
+class ScopeDevice(ScpiDevice):
+    """An oscilloscope with one channel that is connected, to the receiver's analog output.
+
+    Parameters
+    ----------
+    port : ScopePort
+        Takes the records.
+    front : ScopeFront
+        Is told the settings before each record.
+
+    Notes
+    -----
+    A shot number that a client has written into the instrument keys the record's chance; without one the
+    records are counted. What this does not model: the time that an acquisition takes, untriggered sweeps that
+    go on, other channels, measurements, and the screen.
+    """
+
+    def __init__(self, port: ScopePort, front: ScopeFront) -> None:
+        model = front.model
+        super().__init__(f"{model.maker},{model.name},EMULATED,0.00-emulated", channels=4)
+        self.model = model
+        self._port = port
+        self._front = front
+        self._record: RangeWindow | None = None
+        self._taken = 0
+        self._trigger: Trigger = "generator"
+        self.is_armed = False
+
+    def shot(self) -> int | None:
+        """Return the shot number that a client wrote, None without one."""
+        raise NotImplementedError
+
+    def view(self) -> tuple[float, float, float, float, int]:
+        """Return full scale and offset in V, interval and start of a record in s, and its samples."""
+        raise NotImplementedError
+
+    def acquired(self) -> None:
+        """Take notice that a record has come."""
+
+    def start(self, at_once: bool = False) -> None:
+        """Wait for a trigger in place of any before, or take a record at once."""
+        self.stop()
+        full_scale_v, offset_v, interval_s, start_s, points = self.view()
+        front = self._front
+        front.full_scale_v, front.offset_v, front.interval_s = full_scale_v, offset_v, interval_s
+        shot = self.shot()
+        self._record, self.is_armed = None, True
+        trigger: Trigger = "immediate" if at_once else "generator"
+        self._port.arm(
+            WindowRequest(
+                self._taken if shot is None else shot, None, points, delay_s=start_s, trigger=trigger
+            )
+        )
+
+    def force(self) -> None:
+        """Take a record at once where one is waited for."""
+        if self.record() is None and self.is_armed:
+            self.start(at_once=True)
+
+    def stop(self) -> None:
+        """Wait no longer; what was taken stays."""
+        self.record()
+        self._port.abort()
+        self.is_armed = False
+
+    def record(self) -> RangeWindow | None:
+        """Return the last record, None when there is none since the start."""
+        window = self._port.collect() if self.is_armed else None
+        if window is not None:
+            self._record, self.is_armed = window, False
+            self._taken += 1
+            self.acquired()
+        return self._record
+
+
+def block(data: bytes, digits: int | None = None) -> str:
+    """Return a definite-length block as the text of an answer, one character for each byte."""
+    count = str(len(data)) if digits is None else f"{len(data):0{digits}d}"
+    return f"#{len(count)}{count}" + data.decode("latin-1")

@@ -1,0 +1,340 @@
+"""Oscilloscopes as digitizers: equal windows on every bench, right volts and times, never an old record."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scope_bench import PULSE, SCRIPT, config, device_of, opened
+
+from belahil import butterworth
+from belahil.bench import open_bench
+from belahil.config import parse_bench
+from belahil.errors import (
+    ConfigError,
+    CorruptData,
+    InstrumentError,
+    LimitExceeded,
+    LinkTimeout,
+    StaleData,
+)
+from belahil.oscilloscopes import SCOPES
+from belahil.pole_response import response
+from belahil.stimuli import NoSignal, Sine
+from belahil.values import RangeWindow, Shot, WindowRequest
+from drivers.scpi import ScpiSession
+from sim.build import endpoints
+from sim.faults import Fault, FaultPlan
+from sim.plant import PlantClock
+
+DRIVERS = sorted(SCOPES)
+QUIET = "noise_rms_v_by_code = [0.0]"
+
+
+def same(one: RangeWindow, other: RangeWindow) -> bool:
+    return one.equals(other) and dict(one.housekeeping) == dict(other.housekeeping)
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_equal_seeds_give_equal_windows_with_and_without_a_link(driver: str) -> None:
+    # given one hidden truth, when the same shots are measured without a link and over VISA
+    shots = {}
+    for kind in ("simulated", "emulated"):
+        with open_bench(config(driver, kind)) as bench:
+            shots[kind] = [bench.measure(stimulus, request) for stimulus, request in SCRIPT]
+    # then each window is equal in every word, at the first attempt
+    for reference, shot in zip(shots["simulated"], shots["emulated"], strict=True):
+        assert same(shot.window, reference.window)
+        assert shot.played == reference.played
+        assert shot.attempt == 1
+    # and a shot is the same alone as after others
+    with open_bench(config(driver)) as bench:
+        assert same(bench.measure(*SCRIPT[4]).window, shots["emulated"][4].window)
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_volts_and_times_are_those_of_the_pulse(driver: str) -> None:
+    # given a receiver without noise, whose trigger comes 300 ns after the generator's
+    with open_bench(config(driver, receiver=QUIET + "\nhighpass_hz = 1e4")) as bench:
+        for shot in range(5):
+            # when a pulse is played
+            window = bench.measure(PULSE, WindowRequest(shot, None, 500, delay_s=4e-7)).window
+            # then each sample is what the filter makes of it at that time, to half a code and rounded numbers
+            since_s = window.housekeeping.get("trigger_phase_s", 0.0)
+            clock = 1 / (1 + 20e-6)
+            times_s = 3e-7 + (window.start_s + since_s + np.arange(500) * 10e-9) * clock
+            due = 5.19 * response(
+                PULSE.volts, 50e6, PULSE.start_s, "linear", butterworth.poles(19e6, 3, 1e4), times_s, zeros=1
+            )
+            assert np.max(np.abs(due)) > 50 * window.volts_per_count
+            assert np.max(np.abs(window.volts - due)) < 0.51 * window.volts_per_count
+            assert 0 <= since_s < 10e-9
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_clipped_samples_are_counted_at_both_ends(driver: str) -> None:
+    # given a span of 256 mV, when a sine of 519 mVpp comes out of the receiver, centred
+    with open_bench(config(driver, digitizer="full_scale_v = 0.256", receiver=QUIET)) as bench:
+        window = bench.measure(Sine(1.0377e6, 0.1), WindowRequest(0, None, 10000)).window
+    # then what is beyond the last but half a code at either end is clipped: an arc cosine of the samples
+    model = SCOPES[driver]
+    top, bottom = 254.5 - model.zero_code, model.zero_code - model.lowest_code - 0.5
+    due = (np.arccos(top / 259.5) + np.arccos(bottom / 259.5)) / np.pi
+    ends = window.counts == window.counts.min(), window.counts == window.counts.max()
+    assert window.saturated == np.count_nonzero(ends[0]) + np.count_nonzero(ends[1])
+    assert window.saturated / 10000 == pytest.approx(due, abs=2e-3)
+    assert all(2000 < np.count_nonzero(end) < 5000 for end in ends)
+    assert (window.counts.min(), window.counts.max()) == (SCOPES[driver].lowest_code - 128, 127)
+    # and counts lie about zero, with the volts that the preamble tells
+    assert window.volts_per_count == pytest.approx(1e-3, rel=5e-3)
+
+
+@pytest.mark.parametrize("kind", ["simulated", "emulated"])
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_what_an_oscilloscope_has_not_is_refused_in_one_line(driver: str, kind: str) -> None:
+    with open_bench(config(driver, kind)) as bench:
+        for request, said in (
+            (WindowRequest(0, 4, 400), "a window with gain_code = 4: an oscilloscope has None"),
+            (
+                WindowRequest(0, None, 400, products="candidates"),
+                "products = candidates: the receiver has window",
+            ),
+            (
+                WindowRequest(0, None, 400, trigger="digitizer"),
+                "trigger = digitizer: the receiver has immediate",
+            ),
+            (WindowRequest(0, None, 10001), "a window of 10001 samples: the receiver takes 1 to 10000"),
+        ):
+            with pytest.raises(LimitExceeded, match=said) as caught:
+                bench.measure(NoSignal(), request)
+            assert "\n" not in str(caught.value)
+        # and the bench goes on
+        assert bench.measure(*SCRIPT[0]).attempt == 1
+
+
+@pytest.mark.parametrize(
+    ("digitizer", "said"),
+    [
+        ('driver = "tubes"', "allowed: grm, keysight-infiniivision"),
+        ('driver = "keysight-infiniivision"\nlink = "emulated:visa"', "sets no gain codes; allowed: analog"),
+        (
+            'driver = "keysight-infiniivision"\nlink = "emulated:usb"',
+            "allowed: emulated:visa, simulated, visa:",
+        ),
+        ("full_scale_v = 1.0", "full_scale_v: only an oscilloscope takes it"),
+        (
+            'driver = "keysight-infiniivision"\nlink = "emulated:visa"\nreceiver = "analog"\n'
+            "sample_rate_hz = 1e11",
+            "sample_rate_hz = 1e+11: keysight-infiniivision takes at most 2e+09",
+        ),
+        (
+            'driver = "keysight-infiniivision"\nlink = "emulated:visa"\nreceiver = "analog"\n'
+            "[emulation.receiver]\nadc_bits = 12",
+            "adc_bits: the converter is the oscilloscope's",
+        ),
+    ],
+)
+def test_bench_files_that_cannot_be_are_refused(digitizer: str, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_bench(f"[digitizer]\n{digitizer}\n")
+    assert said in str(caught.value)
+
+
+def _measured(driver: str, plan: FaultPlan | None) -> list[Shot | InstrumentError]:
+    found: list[Shot | InstrumentError] = []
+    try:
+        with opened(config(driver), plan) as bench:
+            for stimulus, request in SCRIPT[2:5]:
+                try:
+                    found.append(bench.measure(stimulus, request))
+                except InstrumentError as error:
+                    found.append(error)
+    except InstrumentError as error:
+        found.append(error)
+    return found
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+@pytest.mark.parametrize("kind", ["late", "drop", "double", "cut"])
+@pytest.mark.parametrize("direction", ["to_device", "from_device"])
+def test_no_fault_of_the_link_gives_a_wrong_window(driver: str, kind: str, direction: str) -> None:
+    # given how many messages a whole run takes
+    plan = FaultPlan([])
+    reference = _measured(driver, plan)
+    total = plan.messages["visa", direction]  # type: ignore[index]
+    assert all(isinstance(shot, Shot) for shot in reference)
+    # when one message of it goes wrong, for messages from the first to the last
+    chance = random.Random(f"{driver}{kind}{direction}")
+    outcomes = 0
+    for at in sorted(chance.sample(range(total - 1), 12)):
+        plan = FaultPlan([Fault("visa", direction, kind, at, seed=at)])  # type: ignore[arg-type]
+        found = _measured(driver, plan)
+        plan.require_fired()
+        # then each window is the right one, or there is an error in its place
+        for shot, right in zip(found, reference, strict=False):
+            if isinstance(shot, Shot):
+                assert isinstance(right, Shot)
+                assert same(shot.window, right.window), (kind, direction, at)
+                outcomes += 1
+    # and the bench got over most of them by itself
+    assert outcomes > 0.8 * 12 * len(reference)
+
+
+class Panel:
+    """An oscilloscope with somebody at its panel, who interferes when a message says what they wait for."""
+
+    def __init__(self, device: object, waits_for: bytes, does: bytes, instead: bool = False) -> None:
+        self._device = device
+        self._waits_for, self._does, self._instead = waits_for, does, instead
+        self.done = 0
+
+    def write(self, data: bytes, end: bool = True) -> None:
+        if self._waits_for not in data:
+            self._device.write(data, end)  # type: ignore[attr-defined]
+            return
+        self.done += 1
+        if not self._instead:
+            self._device.write(data, end)  # type: ignore[attr-defined]
+        if self._does:
+            self._device.write(self._does, True)  # type: ignore[attr-defined]
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._device, name)
+
+
+# A word that starts an acquisition, and what stops it, by driver.
+WORDS = {
+    "keysight-infiniivision": (b":SING\n", b":TRIG:FORC\n", b":STOP\n", b':CHAN1:LAB "S7"\n', b":WAV:DATA?"),
+}
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_an_old_record_is_never_taken_for_a_new_one(driver: str) -> None:
+    start, force, stop, mark, data = WORDS[driver]
+    request = WindowRequest(3, None, 400)
+    for waits_for, does, instead, kind, said in (
+        # given an oscilloscope that does not start, or is stopped by hand before its trigger comes
+        (start, b"", True, LinkTimeout, "does not say that it is armed"),
+        (force, stop, True, InstrumentError, "stopped without a trigger|no trigger came"),
+        (start, stop, False, InstrumentError, "stopped without a trigger|no trigger came|does not say"),
+        # or one that another client arms and marks in between
+        (data, mark, False, StaleData, "window of shot 3: the oscilloscope is marked"),
+    ):
+        panels = []
+
+        def with_panel(ends: object, words=(waits_for, does, instead), panels=panels) -> Panel:  # type: ignore[no-untyped-def]
+            panels.append(Panel(device_of(ends), *words))  # type: ignore[arg-type]
+            return panels[0]
+
+        with opened(config(driver), device=with_panel) as bench:
+            # when a window is measured after another one whose record it still holds
+            device_of_bench = panels[0]._device
+            device_of_bench.start(at_once=True)  # type: ignore[attr-defined]
+            with pytest.raises(kind, match=said):
+                bench.measure(NoSignal(), request)
+        # then it is an error, after three attempts
+        assert panels[0].done == 3
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_settings_that_are_changed_by_hand_are_found_in_the_record(driver: str) -> None:
+    # given a bench that has measured a window
+    device = []
+
+    def kept(ends: object) -> object:
+        device.append(device_of(ends))  # type: ignore[arg-type]
+        return device[0]
+
+    with opened(config(driver), device=kept) as bench:
+        before = bench.measure(*SCRIPT[0]).window
+        assert before.shot == 10
+        # when somebody turns the knob of the time base, then the next window is refused at first, and the
+        # second attempt sets everything again
+        device[0].span_s *= 2
+        shot = bench.measure(*SCRIPT[0])
+        assert shot.attempt == 2
+        assert same(shot.window, before)
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_another_instrument_in_its_place_is_named(driver: str) -> None:
+    bench_file = config(driver)
+
+    def generator(ends: object) -> object:
+        return ends.visa_library._devices[ends.visa_address]  # type: ignore[attr-defined]
+
+    with pytest.raises(InstrumentError, match=r"33522B.* is no oscilloscope of this driver; .* like "):
+        opened(bench_file, device=generator)
+
+
+def test_a_pulse_without_its_trigger_is_a_time_out() -> None:
+    # given a bench that waits for the generator, when a sine runs and only the digitizer is armed
+    ends = endpoints(config("keysight-infiniivision"))
+    from drivers.build import open_digitizer
+
+    digitizer = open_digitizer(config("keysight-infiniivision"), ends)
+    digitizer.arm(WindowRequest(0, None, 100, trigger="generator"))
+    before_s = ends.clock.now_s()
+    # then nothing comes within the time-out, and the error is a line
+    with pytest.raises(LinkTimeout, match=r"^window of shot 0: no trigger came within 1.5 s$"):
+        digitizer.read(1.5)
+    assert 1.5 <= ends.clock.now_s() - before_s < 1.6
+    with pytest.raises(InstrumentError, match="before it was armed"):
+        digitizer.read(1.0)
+    digitizer.close()
+
+
+class Scripted:
+    """A link whose answers are written beforehand, in portions."""
+
+    def __init__(self, block: bytes, portion: int, tail: bytes = b"") -> None:
+        self._block, self._portion, self._tail = block, portion, tail
+        self._out = b""
+
+    def write(self, data: bytes) -> None:
+        if data == b"DATA?\n":
+            self._out += self._block
+            return
+        tag = data.split(b";")[0].removeprefix(b"*ESE ").strip()
+        name = b";A,B,C,D" if b"*IDN?" in data else b""
+        self._out += tag + name + b"\n" + (self._tail if not name else b"")
+
+    def read(self, count: int, timeout_s: float) -> bytes:
+        taken, self._out = self._out[: self._portion], self._out[self._portion :]
+        return taken
+
+    def clear(self) -> None:
+        self._out = b""
+
+    def close(self) -> None:
+        pass
+
+
+@given(
+    data=st.binary(max_size=60), portion=st.integers(1, 80), feeds=st.integers(0, 3), zeros=st.integers(0, 5)
+)
+@settings(max_examples=150, deadline=None)
+def test_any_block_in_any_portions_comes_back(data: bytes, portion: int, feeds: int, zeros: int) -> None:
+    count = "0" * zeros + str(len(data))
+    block = f"#{len(count)}{count}".encode() + data + b"\n" * (1 + feeds)
+    session = ScpiSession(Scripted(block, portion), PlantClock(), "x")
+    assert session.ask_block("DATA?") == data
+    assert session.ask_block("DATA?") == data
+
+
+@given(block=st.binary(max_size=30))
+@settings(max_examples=150, deadline=None)
+def test_what_is_no_block_is_an_error_and_no_bytes(block: bytes) -> None:
+    session = ScpiSession(Scripted(block, 7), PlantClock(), "x")
+    try:
+        data = session.ask_block("DATA?")
+    except (CorruptData, StaleData, LinkTimeout):
+        return
+    # only a whole block with nothing but line feeds behind it is one
+    size = int(block[1:2])
+    begin = 2 + size
+    assert block[begin : begin + int(block[2:begin])] == data
+    assert not block[begin + len(data) :].strip(b"\n\r\t \x0b\x0c\x1c\x1d\x1e\x1f\x85\xa0")
