@@ -29,13 +29,34 @@ _MODELS_33600 = tuple(
         ("33622A", 120e6, 1e9, 2),
     )
 )
+# The 33220A as in its public manual where docs/instruments.md says so; the rest is assumed there.
+_MODELS_33220 = (
+    GeneratorModel(
+        "33220A",
+        "Agilent Technologies",
+        20e6,
+        50e6,
+        14,
+        65_536,
+        min_amplitude_vpp=10e-3,
+        min_points=2,
+        max_delay_s=0.0,
+        channels=1,
+        arb_played_by="frequency",
+        max_arb_hz=6e6,
+        full_code=8191,
+        interpolations=("linear",),
+        conflict_code=-222,
+    ),
+)
 _BY_FAMILY = {
     "keysight-33500": _MODELS_33500,
     "keysight-33600": _MODELS_33600,
+    "agilent-33220": _MODELS_33220,
 }
 MODELS = {model.name: model for models in _BY_FAMILY.values() for model in models}
 FAMILIES = {family: tuple(model.name for model in models) for family, models in _BY_FAMILY.items()}
-DEFAULT_MODEL = {"keysight-33500": "33522B", "keysight-33600": "33622A"}
+DEFAULT_MODEL = {"keysight-33500": "33522B", "keysight-33600": "33622A", "agilent-33220": "33220A"}
 
 
 def family_of(model: GeneratorModel) -> str:

@@ -65,6 +65,8 @@ class GeneratorModel:
         Highest frequency of a whole waveform, where that says how fast.
     full_code : int
         Code of half the amplitude; codes go from minus to plus this.
+    interpolations : tuple of str
+        What it can make of its points.
     load_span_ohm : tuple of float
         Load settings beside high impedance.
     vpp_above_hz : tuple of tuple of float
@@ -95,6 +97,7 @@ class GeneratorModel:
     arb_played_by: PlayedBy = "rate"
     max_arb_hz: float = math.inf
     full_code: int = FULL_CODE
+    interpolations: tuple[Interpolation, ...] = ("linear", "hold")
     load_span_ohm: tuple[float, float] = (1.0, 10e3)
     vpp_above_hz: tuple[tuple[float, float], ...] = ()
     error_queue_depth: int = 20
@@ -104,6 +107,12 @@ class GeneratorModel:
     def start_step_s(self, rate_hz: float) -> float:
         """Grid on which a pulse can start after its trigger: of the delay, or of points at `rate_hz`."""
         return self.delay_step_s if self.max_delay_s else 1 / rate_hz
+
+    def started_s(self, start_s: float, rate_hz: float) -> float:
+        """Return the nearest start on that grid."""
+        if self.max_delay_s:
+            return round_to_step(start_s, self.delay_step_s) + 0.0
+        return round(start_s * rate_hz) / rate_hz + 0.0
 
     def max_vpp_at(self, frequency_hz: float) -> float:
         """Largest amplitude of a sine into 50 ohm, Vpp."""

@@ -166,6 +166,11 @@ def _pulse_setting(
             f"a pulse that has passed a filter of {len(pulse.poles)} poles: a generator plays points and "
             "straight lines or steps between them; sample what `at` gives"
         )
+    if pulse.interpolation not in model.interpolations:
+        raise LimitExceeded(
+            f"a pulse with interpolation {pulse.interpolation} between its points: {model.name} makes "
+            f"{' or '.join(model.interpolations)}"
+        )
     rate = round_to_step(pulse.sample_rate_hz, 1e-6)
     if not 0 < rate <= model.max_arb_rate_hz:
         raise LimitExceeded(
@@ -192,7 +197,10 @@ def _pulse_setting(
             f"an arbitrary waveform of {codes.size} points: {model.name} holds at most {model.max_points}"
         )
     if model.arb_played_by == "frequency":
-        rate = codes.size * whole_waveform_hz(rate, codes.size, model)
+        whole_hz = whole_waveform_hz(rate, codes.size, model)
+        if codes.size * whole_hz > model.max_arb_rate_hz:
+            whole_hz = round_to_step(whole_hz - model.frequency_step_hz, model.frequency_step_hz)
+        rate = codes.size * whole_hz
     return GeneratorSetting(
         output=True,
         function="ARB",
@@ -215,12 +223,9 @@ def _delay(pulse: SampledPulse, before_s: float, model: GeneratorModel) -> float
 
     It is on the model's grid; a model without one waits by zeros, on the grid of its points.
     """
-    exact = pulse.start_s - before_s
-    if model.max_delay_s:
-        delay, most = round_to_step(exact, model.delay_step_s) + 0.0, model.max_delay_s
-    else:
-        points = round(exact * pulse.sample_rate_hz)
-        delay, most = points / pulse.sample_rate_hz, model.max_points / pulse.sample_rate_hz
+    rate_hz = pulse.sample_rate_hz
+    delay = model.started_s(pulse.start_s - before_s, rate_hz)
+    most = model.max_delay_s or model.max_points / rate_hz
     if before_s and pulse.start_s >= 0 > delay:
         raise LimitExceeded(
             f"a pulse that begins with a jump to {pulse.volts[0]:.4g} V at start_s = {pulse.start_s:g}: "

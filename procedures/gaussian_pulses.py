@@ -111,7 +111,7 @@ def gaussian_train(pulses: Sequence[TrainPulse], model: GeneratorModel) -> Sampl
                 f"{lead_s:.4g} s before its centre, and must begin after the trigger"
             )
         start_s = min(start_s, one.centre_s - lead_s)
-    start_s = max(round_to_step(start_s, model.delay_step_s), 0.0)
+    start_s = max(model.started_s(start_s, rate_hz), 0.0)
     end_s = max(one.centre_s + _reach_s(one.fwhm_s, model) for one in pulses)
     times_s = start_s + np.arange(math.ceil((end_s - start_s) * rate_hz) + 2) / rate_hz
     volts = np.zeros(times_s.size)
@@ -125,7 +125,7 @@ def gaussian_train(pulses: Sequence[TrainPulse], model: GeneratorModel) -> Sampl
 def earliest_centre_s(fwhm_s: float, model: GeneratorModel) -> float:
     """Return a centre, s after the trigger, that `gaussian_pulse` takes for this width and all narrower."""
     interval_s = max(1 / model.max_arb_rate_hz, fwhm_s / POINTS_PER_WIDTH)
-    return _reach_s(fwhm_s, model) + interval_s + 2 * model.delay_step_s
+    return _reach_s(fwhm_s, model) + interval_s + 2 * model.start_step_s(1 / interval_s)
 
 
 def _reach_s(fwhm_s: float, model: GeneratorModel) -> float:

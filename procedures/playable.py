@@ -202,7 +202,8 @@ def _least_vpp(model: GeneratorModel, config: BenchConfig) -> float:
 
 def _on_grid(wished: SampledPulse, model: GeneratorModel, interpolation: Interpolation) -> SampledPulse:
     """Return the points of least squares, first and last of them zero."""
-    rate_hz, grid_s = model.max_arb_rate_hz, model.delay_step_s
+    rate_hz = model.max_arb_rate_hz
+    grid_s = model.start_step_s(rate_hz)
     # One interval before, for the zero at which the burst rests; nothing before the trigger.
     before_s = math.ceil(1 / rate_hz / grid_s - 1e-9) * grid_s
     start_s = math.floor(wished.start_s / grid_s + 1e-6) * grid_s

@@ -91,6 +91,11 @@ def generator_path(config: BenchConfig) -> GeneratorPath:
         Errors that leave no amplitude, or a bandwidth below the receiver's high-pass.
     """
     truth, model = config.emulation.generator, true_model(config)
+    if truth.sample_rate_hz is not None and model.arb_played_by == "frequency":
+        raise ConfigError(
+            f"[emulation.generator] sample_rate_hz = {truth.sample_rate_hz:g}: {model.name} plays waveforms "
+            "by their frequency; leave it out"
+        )
     if truth.amplitude_error <= -1 or 1 + truth.flatness * model.max_sine_hz / FLATNESS_HZ <= 0:
         raise ConfigError(
             f"[emulation.generator] amplitude_error = {truth.amplitude_error:g}, flatness = "

@@ -11,6 +11,7 @@ import pytest
 from belahil.generators import MODELS, GeneratorSetting, stimulus_of
 from belahil.stimuli import SampledPulse, Sine
 from sim.devices.generator import GeneratorDevice
+from sim.devices.generator_families import generator_device
 from sim.plant import PlantClock
 from sim.transports.visa_library import EmulatedVisa
 
@@ -88,3 +89,56 @@ def test_pymeasure_hears_of_what_is_refused(client: Any) -> None:
     ((number, text),) = client.check_errors()
     assert int(number) == -222
     assert "Data out of range" in text
+
+
+@pytest.fixture
+def client_33220(port: Port) -> Iterator[Any]:
+    library = EmulatedVisa(PlantClock()).plug(NAME, generator_device(MODELS["33220A"], port))
+    with pytest.warns(FutureWarning, match="SCPI"):  # its authors do not know that a 33220A speaks SCPI
+        instrument = agilent.Agilent33220A(NAME, visa_library=library)
+    yield instrument
+    assert instrument.check_errors() == []
+    instrument.adapter.close()
+
+
+def test_pymeasure_plays_a_sine_on_a_33220a(client_33220: Any, port: Port) -> None:
+    client = client_33220
+    assert client.id == "Agilent Technologies,33220A,EMULATED,0.00-emulated"
+    client.shape = "SINUSOID"
+    client.amplitude_unit = "VPP"
+    client.frequency = 4.7e3
+    client.amplitude = 1
+    client.offset = 0.25
+    client.output = True
+    assert client.check_errors() == []
+    assert (client.shape, client.frequency, client.amplitude, client.offset) == ("SIN", 4.7e3, 1, 0.25)
+    assert (client.voltage_high, client.voltage_low) == (0.75, -0.25)
+    assert stimulus_of(port.setting) == Sine(4.7e3, 1.0, 0.25)
+
+
+def test_pymeasure_sets_everything_else_of_a_33220a(client_33220: Any, port: Port) -> None:
+    client = client_33220
+    for name, value in {
+        "square_dutycycle": 40,
+        "ramp_symmetry": 30,
+        "pulse_period": 1e-3,
+        "pulse_hold": "WIDT",
+        "pulse_width": 1e-4,
+        "pulse_dutycycle": 12,
+        "burst_mode": "TRIG",
+        "burst_ncycles": 10,
+        "burst_state": True,
+        "trigger_source": "BUS",
+        "trigger_state": True,
+        "beeper_state": False,
+        "output": True,
+    }.items():
+        setattr(client, name, value)
+        read = getattr(client, name)
+        assert read == (value if isinstance(value, str) else pytest.approx(value)), name
+    client.pulse_transition = 20e-9
+    client.remote_local_state = "LOC"
+    client.trigger()
+    client.wait_for_trigger()
+    client.beep()
+    assert port.triggers == 1

@@ -100,9 +100,9 @@ def test_limits_follow_the_model(model: str) -> None:
 
 def test_an_unknown_model_is_one_clear_line() -> None:
     with pytest.raises(
-        InstrumentError, match=r"generator model '33220A' .* is unknown; known: 33509B"
+        InstrumentError, match=r"generator model '33120A' .* is unknown; known: 33509B"
     ) as caught:
-        _opened(Instrument("33220A"))
+        _opened(Instrument("33120A"))
     assert caught.value.exit_status == 3
 
 

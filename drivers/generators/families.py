@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from drivers.generators.agilent_33220 import Agilent33220Dialect
 from drivers.generators.keysight import KeysightDialect
 
 if TYPE_CHECKING:
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 _DIALECTS: dict[str, Callable[[], Dialect]] = {
     "keysight-33500": KeysightDialect,
     "keysight-33600": KeysightDialect,
+    "agilent-33220": Agilent33220Dialect,
 }
 
 

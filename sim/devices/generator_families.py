@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from belahil.generators import family_of
 from sim.devices.generator import GeneratorDevice
+from sim.devices.generators.agilent_33220 import Agilent33220
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 _DEVICES: dict[str, Callable[[GeneratorModel, GeneratorPort], ScpiDevice]] = {
     "keysight-33500": GeneratorDevice,
     "keysight-33600": GeneratorDevice,
+    "agilent-33220": Agilent33220,
 }
 
 

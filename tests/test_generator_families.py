@@ -1,0 +1,300 @@
+"""Every family of generators: its dialect on its emulated instrument, and the plant beneath both."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from belahil.bench import open_bench
+from belahil.config import (
+    BenchConfig,
+    BenchTable,
+    DigitizerTable,
+    EmulatedGenerator,
+    EmulatedReceiver,
+    EmulationTable,
+    GeneratorTable,
+    parse_bench,
+)
+from belahil.errors import ConfigError, CorruptData, InstrumentRefused, LimitExceeded
+from belahil.generators import (
+    DEFAULT_MODEL,
+    FAMILIES,
+    MODELS,
+    GeneratorModel,
+    GeneratorSetting,
+    family_of,
+    on_grid,
+    per_50_ohm,
+    setting_for,
+    stimulus_of,
+)
+from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus, scaled
+from belahil.values import WindowRequest
+from drivers.generators.families import dialect_of
+from drivers.generators.verified import VerifiedGenerator
+from drivers.scpi import ScpiSession
+from drivers.visa_link import VisaLink
+from sim.devices.generator_families import generator_device
+from sim.plant import PlantClock
+from sim.transports.visa_library import EmulatedVisa
+
+ADDRESS = "TCPIP0::emulated::inst0::INSTR"
+OTHERS = [family for family in FAMILIES if not family.startswith("keysight")]
+PLACES = {"simulated": ("simulated", "simulated"), "serial": ("emulated", "emulated:serial")}
+RNG = np.random.default_rng(5)
+
+
+class Port:
+    """Where a generator plays into."""
+
+    def __init__(self) -> None:
+        self.setting = GeneratorSetting()
+        self.triggers = 0
+
+    def play(self, setting: GeneratorSetting) -> None:
+        self.setting = setting
+
+    def trigger(self) -> bool:
+        self.triggers += 1
+        return True
+
+
+class Bench:
+    """A driver on an emulated instrument, and what is sent between them."""
+
+    def __init__(self, name: str, load_ohm: float = 50.0, largest_v: float = 5.0) -> None:
+        self.port = Port()
+        self.model = MODELS[name]
+        self.device = generator_device(self.model, self.port)
+        self.tamper = lambda message: message
+        write = self.device.write
+
+        def tampered(data: bytes, end: bool = False) -> None:
+            write(self.tamper(data), end)
+
+        self.device.write = tampered  # type: ignore[method-assign]
+        self.clock = PlantClock()
+        link = VisaLink(ADDRESS, EmulatedVisa(self.clock).plug(ADDRESS, self.device))
+        session = ScpiSession(link, self.clock, ADDRESS)
+        dialect = dialect_of(family_of(self.model))
+        self.driver = VerifiedGenerator(session, dialect, load_ohm, largest_v)
+
+
+def _asked(device: object, message: str) -> str:
+    device.write(message.encode() + b"\n")  # type: ignore[attr-defined]
+    answer = device.read()  # type: ignore[attr-defined]
+    return "" if answer is None else str(answer.decode("latin-1").strip())
+
+
+def _fitted(stimulus: Stimulus, model: GeneratorModel) -> Stimulus:
+    """Return a stimulus as near as the model can come."""
+    if isinstance(stimulus, SampledPulse):
+        rate_hz = min(stimulus.sample_rate_hz, model.max_arb_rate_hz)
+        shown = stimulus.interpolation if stimulus.interpolation in model.interpolations else "linear"
+        return replace(stimulus, sample_rate_hz=rate_hz, interpolation=shown)  # type: ignore[arg-type]
+    return stimulus
+
+
+STIMULI: tuple[Stimulus, ...] = (
+    NoSignal(),
+    Sine(1e6, 0.05),
+    Sine(12.3456789e6, 0.03, -0.0011),
+    SampledPulse(RNG.uniform(-0.02, 0.02, 300), 80e6, start_s=2e-6),
+    SampledPulse(RNG.uniform(-0.2, 0.2, 5), 33.3e6, 1e-6, "hold"),
+    SampledPulse(np.zeros(3), 80e6),
+    Sine(1e6, 0.05),
+)
+
+
+def _config(place: str, trigger: str, driver: str, load_ohm: float) -> BenchConfig:
+    address, link = PLACES[place]
+    return BenchConfig(
+        bench=BenchTable(trigger=trigger, trigger_delay_s=0.5e-6),  # type: ignore[arg-type]
+        generator=GeneratorTable(driver=driver, address=address, load_ohm=load_ohm, attenuation_db=6.0),
+        digitizer=DigitizerTable(link=link),
+        emulation=EmulationTable(
+            seed=11,
+            generator=EmulatedGenerator(bits=10, amplitude_error=0.01, flatness=-0.02, bandwidth_hz=60e6),
+            receiver=EmulatedReceiver(cutoff_hz=17.1e6, highpass_hz=5e3, clock_ppm=13.0, input_ohm=52.0),
+        ),
+    )
+
+
+@pytest.mark.parametrize(("trigger", "load_ohm"), [("generator", 50.0), ("digitizer", math.inf)])
+@pytest.mark.parametrize("driver", OTHERS)
+def test_equal_seeds_give_equal_counts(driver: str, trigger: str, load_ohm: float) -> None:
+    # given the same hidden truth behind the real driver and without any link
+    model, shots = MODELS[DEFAULT_MODEL[driver]], {}
+    for place in PLACES:
+        with open_bench(_config(place, trigger, driver, load_ohm)) as bench:
+            # when the same plan is measured
+            shots[place] = [
+                bench.measure(_fitted(stimulus, model), WindowRequest(index, 4, 777, delay_s=1e-7))
+                for index, stimulus in enumerate(STIMULI)
+            ]
+    # then each window and what was played are equal, at the first attempt
+    for reference, shot in zip(shots["simulated"], shots["serial"], strict=True):
+        assert shot.window.equals(reference.window)
+        assert shot.played == reference.played
+        assert shot.attempt == 1
+    # and the pulses did reach the receiver
+    quiet, loud = (np.std(shots["serial"][index].window.volts[:500]) for index in (0, 3))
+    assert loud > 2 * quiet
+
+
+_SINES = st.builds(Sine, st.floats(1.0, 20e6), st.floats(25e-3, 0.4), st.floats(-0.05, 0.05))
+_PULSES = st.builds(
+    SampledPulse,
+    st.lists(st.floats(-0.2, 0.2), min_size=2, max_size=40).map(np.array),
+    st.floats(1e4, 250e6),
+    st.floats(0, 1e-4),
+    st.sampled_from(["linear", "hold"]),
+).map(lambda one: replace(one, start_s=one.start_s + 1 / one.sample_rate_hz))
+
+
+@pytest.mark.parametrize("name", [DEFAULT_MODEL[family] for family in OTHERS])
+@settings(max_examples=25)
+@given(
+    plan=st.lists(
+        st.tuples(
+            st.one_of(_SINES, _PULSES, st.just(NoSignal())), st.sampled_from(["generator", "digitizer"])
+        ),
+        max_size=5,
+    ),
+    load_ohm=st.sampled_from([50.0, 75.0, math.inf]),
+)
+def test_what_is_played_is_what_the_setting_says(
+    name: str, plan: list[tuple[Stimulus, str]], load_ohm: float
+) -> None:
+    bench = Bench(name, load_ohm)
+    for asked, trigger in plan:
+        stimulus = _fitted(asked, bench.model)
+        if isinstance(stimulus, SampledPulse):  # the fitted rate has longer intervals
+            stimulus = replace(stimulus, start_s=stimulus.start_s + 1 / stimulus.sample_rate_hz)
+        wanted = setting_for(stimulus, bench.model, load_ohm, trigger)
+        # when a stimulus is prepared and the output is switched on
+        played = bench.driver.prepare(stimulus, trigger)
+        bench.driver.output(True)
+        # then the instrument plays exactly that, at the first try
+        assert stimulus_of(bench.port.setting) == stimulus_of(wanted)
+        assert played == on_grid(stimulus, bench.model, load_ohm, trigger)
+        assert bench.clock.now_s() == 0
+        if isinstance(stimulus, SampledPulse) and trigger == "generator":
+            bench.driver.trigger()
+            assert bench.port.triggers == 1
+            bench.port.triggers = 0
+    assert bench.driver.close()
+    assert not bench.port.setting.output
+
+
+@pytest.mark.parametrize("name", [name for family in OTHERS for name in FAMILIES[family]])
+def test_a_model_names_itself_and_its_limits_hold(name: str) -> None:
+    bench = Bench(name)
+    model = bench.model
+    assert bench.driver.identity.split(",")[:2] == [model.manufacturer, name]
+    assert bench.driver.limits is model
+    with pytest.raises(LimitExceeded, match=name):
+        bench.driver.prepare(Sine(1.01 * model.max_sine_hz, 0.1), "immediate")
+    with pytest.raises(LimitExceeded, match=name):
+        bench.driver.prepare(Sine(1e6, 0.9 * model.min_amplitude_vpp), "immediate")
+    with pytest.raises(LimitExceeded, match=name):
+        bench.driver.prepare(SampledPulse(np.ones(9), 1.01 * model.max_arb_rate_hz, 1e-3), "generator")
+
+
+@pytest.mark.parametrize("family", OTHERS)
+def test_the_load_setting_changes_numbers_and_not_volts(family: str) -> None:
+    # given the same open-circuit volts asked of an instrument set to 50 ohm and to high impedance
+    open_v = {}
+    for load_ohm in (50.0, math.inf):
+        bench = Bench(DEFAULT_MODEL[family], load_ohm)
+        bench.driver.prepare(scaled(Sine(1e6, 0.1), per_50_ohm(load_ohm)), "immediate")
+        bench.driver.output(True)
+        # then the setting differs by a factor of two
+        assert bench.port.setting.amplitude_vpp == 0.1 * per_50_ohm(load_ohm)
+        assert bench.port.setting.load_ohm == load_ohm
+        open_v[load_ohm] = bench.port.setting.amplitude_vpp * (2 if load_ohm == 50 else 1)
+    assert open_v[50.0] == open_v[math.inf]
+
+
+@pytest.mark.parametrize("family", OTHERS)
+@pytest.mark.parametrize("count", [20, 3000])
+def test_a_block_that_is_damaged_on_its_way_is_found(family: str, count: int) -> None:
+    bench = Bench(DEFAULT_MODEL[family])
+    rate_hz = min(10e6, bench.model.max_arb_rate_hz)
+    pulse = SampledPulse(np.linspace(-0.1, 0.1, count), rate_hz, 1e-6)
+
+    def flipped(message: bytes) -> bytes:
+        if b"#" not in message:
+            return message
+        at = len(message) - 8
+        return message[:at] + bytes([message[at] ^ 1]) + message[at + 1 :]
+
+    bench.tamper = flipped
+    with pytest.raises((CorruptData, InstrumentRefused)):
+        bench.driver.prepare(pulse, "generator")
+    assert not bench.port.setting.output
+    # and one that is lost, too, though an older one with the same number of points is still there
+    bench.tamper = lambda message: message
+    bench.driver.prepare(pulse, "generator")
+    bench.tamper = lambda message: b"" if b"#" in message else message
+    with pytest.raises((CorruptData, InstrumentRefused)):
+        bench.driver.prepare(replace(pulse, volts=np.roll(pulse.volts, 1), start_s=2e-6), "generator")
+
+
+@pytest.mark.parametrize("family", OTHERS)
+def test_a_bench_file_takes_the_family(family: str) -> None:
+    assert parse_bench(f'[generator]\ndriver = "{family}"\n').generator.driver == family
+    least, most = MODELS[DEFAULT_MODEL[family]].load_span_ohm
+    for ohm in (0.9 * least, 1.1 * most):
+        with pytest.raises(ConfigError, match=f"allowed: {least:g} to {most:g} ohm, or inf"):
+            parse_bench(f'[generator]\ndriver = "{family}"\nload_ohm = {ohm}\n')
+
+
+# ---- the 33220A
+
+
+def test_the_33220a_waits_by_zeros_and_plays_by_frequency() -> None:
+    # given a pulse that starts 1.01 us after its trigger, at 50 MSa/s
+    bench = Bench("33220A")
+    pulse = SampledPulse(np.array([0.0, 0.1, 0.2, 0.1, 0.0]), 50e6, 1.01e-6)
+    played = bench.driver.prepare(pulse, "generator")
+    # then 50 zeros of 20 ns stand before it (half an interval is rounded to even), and no delay
+    assert isinstance(played, SampledPulse)
+    assert (played.start_s, played.volts.size) == (0.0, 55)
+    assert not played.volts[:50].any()
+    assert played.volts[50:] == pytest.approx(pulse.volts, abs=0.1 / 8191)
+    # and all of it repeats at a frequency on the grid of 1 uHz, no faster than 50 MSa/s
+    assert _asked(bench.device, "FREQ?") == "+9.090909090900000E+05"
+    assert played.sample_rate_hz == 55 * 909090.90909
+    assert _asked(bench.device, "DATA:ATTR:POIN? VOLATILE;:FUNC?;:FUNC:USER?") == "+55;USER;VOLATILE"
+
+
+@pytest.mark.parametrize(
+    ("command", "query", "becomes", "error"),
+    [
+        ("FREQ 30 MHZ", "FREQ?", 20e6, -222),
+        ("VOLT 1 MV", "VOLT?", 10e-3, -222),
+        ("VOLT:OFFS 9", "VOLT:OFFS?", 4.95, -222),
+        ("FREQ 20E6;:FUNC RAMP", "FREQ?", 200e3, -222),
+        ("FREQ 20E6;:FUNC USER", "FREQ?", 6e6, -222),
+        ("FUNC SINE", "FREQ?", 1e3, -224),
+        ("TRIG:DEL 1E-6", "FREQ?", 1e3, -113),
+        ("SOUR1:DATA:ARB X,1,2,3", "FREQ?", 1e3, -113),
+        ("FUNC:USER VOLATILE", "FREQ?", 1e3, 785),
+        ("DATA:DAC VOLATILE,#13abc", "FREQ?", 1e3, 800),
+        ("DATA VOLATILE,0,2", "DATA:ATTR:PTP? VOLATILE", 1.0, -222),
+        ("OUTP:LOAD INF;:VOLT:UNIT DBM", "VOLT?", 0.2, -222),
+    ],
+)
+def test_the_33220a_adjusts_and_tells(command: str, query: str, becomes: float, error: int) -> None:
+    device = generator_device(MODELS["33220A"], Port())
+    device.write(command.encode() + b"\n")
+    assert float(_asked(device, query)) == pytest.approx(becomes, rel=1e-12)
+    assert int(_asked(device, "SYST:ERR?").split(",")[0]) == error
+    assert _asked(device, "SYST:ERR?") == '+0,"No error"'
