@@ -5,7 +5,8 @@ other shapes, bursts and offsets are accepted, remembered and answered as the re
 nothing is played: a shape that is not emulated puts error +901 into the queue when it meets an output that
 is on, and everything that is not played sets bit 12 of ``STATus:QUEStionable:CONDition``.
 
-What this does not model: the time that a setting takes, autorange clicks, modulation, sweeps, sequences,
+What this does not model: the time that a setting takes, autorange clicks, what a modulation or a sweep does
+(whether it is on is remembered), angles in other units than degrees, sequences,
 mass memory, the output of the second channel, the frequency of an arbitrary waveform (``FREQ`` is kept apart
 from its sample rate), and the ties between pulse width, duty cycle, edges and period.
 """
@@ -15,10 +16,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sim.devices.generator_arb_commands import add_arb_commands
-from sim.devices.generator_arbs import ArbMemory
+from sim.devices.generator_arbs import BUILT_IN, ArbMemory
 from sim.devices.generator_base import NOT_PLAYED_BIT, EmulatedGenerator, GeneratorPort
 from sim.devices.generator_channel import Channel
 from sim.devices.generator_commands import (
+    LEVEL,
     ChannelCommands,
     add_keysight_commands,
     add_level_commands,
@@ -28,6 +30,7 @@ from sim.devices.generator_commands import (
 )
 from sim.devices.generator_settings import SHARED_SETTINGS, channel_settings
 from sim.devices.scpi.parameters import read_name
+from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call
 
 if TYPE_CHECKING:
@@ -48,6 +51,29 @@ class GeneratorDevice(EmulatedGenerator):
     """
 
     channels: list[Channel]
+    shared_fields = tuple(setting.field for setting in SHARED_SETTINGS)
+    learn_first = (
+        "OUTPut#:LOAD",
+        "[SOURce#:]FUNCtion:ARBitrary",
+        "[SOURce#:]FUNCtion[:SHAPe]",
+        "[SOURce#:]VOLTage:UNIT",
+        "[SOURce#:]FREQuency[:CW]",
+        f"{LEVEL}[:AMPLitude]",
+        f"{LEVEL}:OFFSet",
+        "[SOURce#:]VOLTage:LIMit:HIGH",
+        "[SOURce#:]VOLTage:LIMit:LOW",
+    )
+    learn_not = frozenset(
+        {
+            f"{LEVEL}:HIGH",
+            f"{LEVEL}:LOW",
+            "[SOURce#:]FUNCtion:PULSe:PERiod",
+            "[SOURce#:]FUNCtion:ARBitrary:FREQuency",
+            "[SOURce#:]FUNCtion:ARBitrary:PERiod",
+            "[SOURce#:]FUNCtion:ARBitrary:PTPeak",
+            "DISPlay:TEXT",
+        }
+    )
 
     def __init__(
         self,
@@ -68,11 +94,25 @@ class GeneratorDevice(EmulatedGenerator):
         self.sync_source = "CH1"
         self.trigger_output = False
         self.trigger_output_slope = "POS"
+        self.trigger_output_source = "CH1"
         self.byte_order = "NORM"
+        self.beeper = True
+        self.angle_unit = "DEG"
+        self.display_on = True
 
     def reset(self) -> None:
         """Bring all settings to their defaults; waveforms in memory stay (assumed)."""
         self._set_defaults()
+
+    def bring_back(self, kept: object) -> None:
+        """Make all settings what they were; a waveform that is no more in memory is the built-in one."""
+        super().bring_back(kept)
+        for channel in self.channels:
+            try:
+                channel.arbs.codes(channel.arb_name)
+            except ScpiError as error:
+                channel.arb_name = BUILT_IN
+                self.report(error)
 
     def _choose(self, call: Call) -> Channel:
         return self.channels[call.suffixes[0] - 1]
@@ -89,6 +129,7 @@ class GeneratorDevice(EmulatedGenerator):
             setting.enter(self.tree, self._choose)
         for setting in SHARED_SETTINGS:
             setting.enter(self.tree, lambda call: self)
+        self.tree.add("ABORt", Action(lambda call: self.stop()))
         self.tree.add("SYSTem:BEEPer[:IMMediate]", Action(lambda call: None))
         self.tree.add("DISPlay:TEXT", Action(self._show, 1, 1), Action(self._shown))
         self.tree.add("DISPlay:TEXT:CLEar", Action(self._show))

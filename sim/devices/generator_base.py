@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from copy import copy
+from typing import TYPE_CHECKING, Protocol, cast
 
 from belahil.generators import GeneratorSetting
-from sim.devices.generator_output import OutputStage, Played, is_played
+from sim.devices.generator_output import OutputStage, Played, burst_s, is_played
 from sim.devices.scpi import ScpiDevice
 from sim.devices.scpi.status import ScpiError
 
@@ -41,7 +42,7 @@ class EmulatedGenerator(ScpiDevice):
         Limits and grids.
     port : GeneratorPort
         What the first channel plays into. It is told after each message that changed what leaves the
-        output, and knows that a new generator is silent.
+        output, and knows that a new generator is silent. When it has a `clock`, bursts take their time on it.
     serial_number : str
         Third field of ``*IDN?``.
     firmware : str
@@ -49,6 +50,8 @@ class EmulatedGenerator(ScpiDevice):
     """
 
     channels: Sequence[Played]
+    shared_fields: tuple[str, ...] = ()
+    """Settings of the instrument as a whole, for ``*SAV``."""
 
     def __init__(
         self,
@@ -57,7 +60,11 @@ class EmulatedGenerator(ScpiDevice):
         serial_number: str = "EMULATED",
         firmware: str = "0.00-emulated",
     ) -> None:
-        super().__init__(f"{model.manufacturer},{model.name},{serial_number},{firmware}", model.channels)
+        super().__init__(
+            f"{model.manufacturer},{model.name},{serial_number},{firmware}",
+            model.channels,
+            clock=getattr(port, "clock", None),
+        )
         self.model = model
         self._port = port
         self._stage = OutputStage()
@@ -66,6 +73,8 @@ class EmulatedGenerator(ScpiDevice):
 
     def settled(self) -> None:
         """Tell the plant what leaves the output now, when that has changed."""
+        if not any(channel.burst for channel in self.channels):
+            self.stop()
         setting = self._stage.setting(self.channels[0])
         if setting == self._played:
             return
@@ -90,3 +99,17 @@ class EmulatedGenerator(ScpiDevice):
         started = waiting[0] and self._port.trigger()
         if not (started or any(waiting[1:])):
             raise ScpiError(-211)
+        begun = (started, *waiting[1:])
+        self.begin(max(burst_s(channel) for channel, runs in zip(self.channels, begun, strict=True) if runs))
+
+    def kept(self) -> object:
+        """Return copies of all settings: volts that a change of the load left between two steps stay so."""
+        shared = {name: getattr(self, name) for name in self.shared_fields}
+        return [copy(channel) for channel in self.channels], shared
+
+    def bring_back(self, kept: object) -> None:
+        """Make all settings what they were."""
+        channels, shared = cast("tuple[list[Played], dict[str, object]]", kept)
+        self.channels = [copy(channel) for channel in channels]
+        for name, value in shared.items():
+            setattr(self, name, value)

@@ -252,6 +252,27 @@ class Channel(Levels):
     bit_rate_hz: float = 1e3
     trigger_timer_s: float = 1.0
     trigger_count: float = 1.0
+    output_mode: str = "NORM"
+    sweep_start_hz: float = 100.0
+    sweep_stop_hz: float = 1e3
+    sweep_spacing: str = "LIN"
+    sweep_time_s: float = 1.0
+    sweep_hold_s: float = 0.0
+    sweep_return_s: float = 0.0
+    sweep: bool = False
+    am: bool = False
+    fm: bool = False
+    pm: bool = False
+    pwm: bool = False
+    fsk: bool = False
+    bpsk: bool = False
+    summed: bool = False
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether anything changes the waveform while it plays, or gates it."""
+        changes = (self.sweep, self.am, self.fm, self.pm, self.pwm, self.fsk, self.bpsk, self.summed)
+        return any(changes) or self.output_mode == "GAT"
 
     @property
     def most_hz(self) -> float:
@@ -267,7 +288,7 @@ class Channel(Levels):
     @property
     def shape(self) -> Function:
         """Shape as the plant knows it."""
-        return _SHAPES.get(self.function, "OTHER")
+        return "OTHER" if self.is_changed else _SHAPES.get(self.function, "OTHER")
 
     @property
     def source(self) -> TriggerSource:

@@ -28,7 +28,7 @@ C = TypeVar("C", bound=Levels)
 
 SHAPES = ("SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "ARBitrary", "DC")
 _UNIT_CHOICES = Choices("VPP", "VRMS", "DBM")
-_LEVEL = "[SOURce#:]VOLTage[:LEVel][:IMMediate]"
+LEVEL = "[SOURce#:]VOLTage[:LEVel][:IMMediate]"
 
 
 class ChannelCommands(Generic[C]):
@@ -183,9 +183,9 @@ def _applied(answer: Callable[[float], str]) -> Callable[[Levels, Tokens], str]:
 
 def add_level_commands(commands: ChannelCommands[C]) -> None:
     """Add amplitude, offset, levels and unit."""
-    commands.add(f"{_LEVEL}[:AMPLitude]", _set_amplitude, _amplitude(commands.answer), asks=1)
+    commands.add(f"{LEVEL}[:AMPLitude]", _set_amplitude, _amplitude(commands.answer), asks=1)
     commands.add_number(
-        f"{_LEVEL}:OFFSet",
+        f"{LEVEL}:OFFSet",
         VOLT,
         lambda channel: (*channel.offset_span_v, 0.0),
         lambda channel: channel.offset_v,
@@ -215,7 +215,7 @@ def _add_level(commands: ChannelCommands[C], name: str, high: bool) -> None:
         return (low + step, top, usual) if high else (low, top - step, -usual)
 
     commands.add_number(
-        f"{_LEVEL}:{name}",
+        f"{LEVEL}:{name}",
         VOLT,
         level_span,
         lambda channel: channel.levels()[high],

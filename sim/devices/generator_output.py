@@ -69,6 +69,16 @@ class Played(Protocol):
         ...
 
     @property
+    def burst_mode(self) -> str:
+        """TRIG for a number of cycles."""
+        ...
+
+    @property
+    def burst_cycles(self) -> float:
+        """How many; infinity for no end."""
+        ...
+
+    @property
     def source(self) -> TriggerSource:
         """What starts a burst."""
         ...
@@ -144,6 +154,17 @@ class OutputStage:
             block = ArbBlock(played, rate_hz, interpolation, channel.full_code)
             self._codes, self._polarity, self._block = codes, channel.polarity, block
         return block
+
+
+def burst_s(channel: Played) -> float:
+    """Time from a trigger to the end of the burst, s; infinity when it does not end by itself."""
+    if channel.burst_mode != "TRIG" or channel.function == "DC":
+        return 0.0
+    if channel.shape == "ARB":
+        cycle_s = channel.arb_codes.size / channel.point_rate_hz
+    else:
+        cycle_s = 1 / channel.frequency_hz
+    return channel.trigger_delay_s + channel.burst_cycles * cycle_s
 
 
 def is_played(setting: GeneratorSetting) -> bool:

@@ -100,6 +100,18 @@ class Switch(NamedTuple):
 
 Setting = Number | Word | Switch
 
+MODULATIONS = {
+    "SWEep": "sweep",
+    "AM": "am",
+    "FM": "fm",
+    "PM": "pm",
+    "PWM": "pwm",
+    "FSKey": "fsk",
+    "BPSK": "bpsk",
+    "SUM": "summed",
+}
+"""What changes a waveform while it plays, and the field that says whether it is on; none of it is played."""
+
 
 def channel_settings(model: GeneratorModel) -> tuple[Setting, ...]:
     """Return the settings of one channel that depend on no other setting.
@@ -158,8 +170,25 @@ def channel_settings(model: GeneratorModel) -> tuple[Setting, ...]:
         Word(f"{trigger}SLOPe", "trigger_slope", edge),
         Number(f"{trigger}TIMer", "trigger_timer_s", *period, 1.0),
         Number(f"{trigger}COUNt", "trigger_count", None, 1.0, 1e6, 1.0, step=1.0, infinite=True),
-        Switch(f"{output[:-1]}[:STATe]", "output"),
+        *_sweep(model),
+        *(Switch(f"{source}{way}:STATe", field) for way, field in MODULATIONS.items()),
         Word(f"{output}POLarity", "polarity", sign),
+        Word(f"{output}MODE", "output_mode", Choices("NORMal", "GATed")),
+        Switch(f"{output[:-1]}[:STATe]", "output"),
+    )
+
+
+def _sweep(model: GeneratorModel) -> tuple[Setting, ...]:
+    """Return the settings of a sweep, which is remembered and not played; defaults assumed."""
+    source, hertz = "[SOURce#:]", (HERTZ, model.min_sine_hz, model.max_sine_hz)
+    seconds = (SECOND, 0.0, 3600.0)
+    return (
+        Number(f"{source}FREQuency:STARt", "sweep_start_hz", *hertz, 100.0),
+        Number(f"{source}FREQuency:STOP", "sweep_stop_hz", *hertz, 1e3),
+        Word(f"{source}SWEep:SPACing", "sweep_spacing", Choices("LINear", "LOGarithmic")),
+        Number(f"{source}SWEep:TIME", "sweep_time_s", SECOND, 1e-3, 250e3, 1.0),
+        Number(f"{source}SWEep:HTIMe", "sweep_hold_s", *seconds, 0.0),
+        Number(f"{source}SWEep:RTIMe", "sweep_return_s", *seconds, 0.0),
     )
 
 
@@ -169,5 +198,9 @@ SHARED_SETTINGS: tuple[Word | Switch, ...] = (
     Word("OUTPut#:SYNC:SOURce", "sync_source", Choices("CH1", "CH2")),
     Switch("OUTPut#:TRIGger[:STATe]", "trigger_output"),
     Word("OUTPut#:TRIGger:SLOPe", "trigger_output_slope", Choices("POSitive", "NEGative")),
+    Word("OUTPut#:TRIGger:SOURce", "trigger_output_source", Choices("CH1", "CH2")),
+    Word("UNIT:ANGLe", "angle_unit", Choices("DEGree")),
+    Switch("SYSTem:BEEPer:STATe", "beeper"),
+    Switch("DISPlay[:WINDow][:STATe]", "display_on"),
     Word("FORMat:BORDer", "byte_order", Choices("NORMal", "SWAPped")),
 )

@@ -6,14 +6,11 @@ import os
 import socket
 from typing import TYPE_CHECKING, Protocol
 
-from sim.devices.scpi.framing import Framer
-
 if TYPE_CHECKING:
     from sim.devices.scpi import ScpiDevice
     from sim.transports.serial_port import ByteDevice
 
 PORTION_BYTES = 1 << 16
-_LONGEST_MESSAGE_BYTES = 1 << 26
 
 
 class Channel(Protocol):
@@ -119,30 +116,19 @@ class ScpiWire:
     Parameters
     ----------
     device : ScpiDevice
-        Is handed whole messages, so that those of several clients do not mix.
+        Nobody can tell what such a client has read, so this is a stream (see `Connection`).
     """
 
     def __init__(self, device: ScpiDevice) -> None:
-        self._device = device
-        self._framer = Framer(_LONGEST_MESSAGE_BYTES)
-        self._message = bytearray()
-        self._answers = bytearray()
+        self._connection = device.connect("stream")
 
     def feed(self, data: bytes) -> None:
         """Take bytes; each line feed that is not part of a block ends a message."""
-        for line in data.splitlines(keepends=True):
-            self._message += line
-            if self._framer.feed(line, end=False):
-                self._device.write(bytes(self._message))
-                self._message.clear()
-                while answer := self._device.read():
-                    self._answers += answer
+        self._connection.write(data)
 
     def take(self) -> bytes:
         """Give the answers."""
-        taken = bytes(self._answers)
-        self._answers.clear()
-        return taken
+        return b"".join(iter(self._connection.read, None))
 
 
 class LineWire:

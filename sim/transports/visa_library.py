@@ -14,6 +14,8 @@ from pyvisa.highlevel import VisaLibraryBase
 from pyvisa.typing import VISARMSession, VISASession
 from pyvisa.util import LibraryPath
 
+from sim.devices.scpi import ScpiDevice
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
@@ -87,15 +89,16 @@ class EmulatedVisa(VisaLibraryBase):
         """Return a line for ``pyvisa-info``."""
         return ["instruments emulated inside the process"]
 
-    def plug(self, resource_name: str, device: MessageDevice) -> EmulatedVisa:
+    def plug(self, resource_name: str, device: MessageDevice | ScpiDevice) -> EmulatedVisa:
         """Make a device reachable by a resource name.
 
         Parameters
         ----------
         resource_name : str
             Of class INSTR: its messages carry END.
-        device : MessageDevice
-            Answers at once or not at all.
+        device : MessageDevice or ScpiDevice
+            Answers at once or not at all. With the latter messages are exchanged as IEEE 488.2 has it: it
+            learns when it is read, and when it is not.
 
         Raises
         ------
@@ -104,6 +107,8 @@ class EmulatedVisa(VisaLibraryBase):
         """
         if rname.ResourceName.from_string(resource_name).resource_class != "INSTR":
             raise ValueError(f"{resource_name}: only INSTR resources can be emulated in the process")
+        if isinstance(device, ScpiDevice):
+            device.own.exchange = "message"
         self._devices[rname.to_canonical_name(resource_name)] = device
         return self
 
@@ -139,6 +144,9 @@ class EmulatedVisa(VisaLibraryBase):
     def write(self, session: VISASession, data: bytes) -> tuple[int, StatusCode]:
         """Hand over a message, with END unless that is switched off."""
         opened = self._opened(session)
+        if opened.unread and isinstance(opened.device, ScpiDevice):
+            opened.unread.clear()
+            opened.device.own.interrupted()
         with self._telling(session):
             opened.device.write(bytes(data), bool(opened.attributes[ResourceAttribute.send_end_enabled]))
         return len(data), self.handle_return_value(session, StatusCode.success)

@@ -1,27 +1,44 @@
-"""A device that answers SCPI messages: the message exchange and the commands that all instruments have."""
+"""A device that answers SCPI messages."""
 
 from __future__ import annotations
 
-from collections import deque
+import math
+from typing import TYPE_CHECKING
 
-from sim.devices.scpi.framing import Framer, Message
-from sim.devices.scpi.parameters import read_integer
+from sim.devices.scpi.common import add_common_commands
+from sim.devices.scpi.exchange import Connection, Exchange
+from sim.devices.scpi.framing import Message
+from sim.devices.scpi.learn import Memory, learned
 from sim.devices.scpi.parser import Unit, parse
-from sim.devices.scpi.status import OPERATION_COMPLETE, Register, ScpiError, Status
-from sim.devices.scpi.tree import Action, Branch, Call, HeaderTree
+from sim.devices.scpi.status import OPERATION_COMPLETE, QUEUE_DEPTH, ScpiError, Status
+from sim.devices.scpi.tree import Branch, Call, Found, HeaderTree
 
-SCPI_VERSION = "1999.0"
-INPUT_CAPACITY = 1 << 26  # bytes; assumed
-OUTPUT_CAPACITY = 1024  # answers; assumed
+if TYPE_CHECKING:
+    from belahil.interfaces import Clock
+
+
+class _OwnClock:
+    """Time of a device that stands alone: it moves when the device waits."""
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+
+    def now_s(self) -> float:
+        """Time since the device was made, s."""
+        return self._now_s
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Let time pass."""
+        self._now_s += max(duration_s, 0.0)
 
 
 class ScpiDevice:
     """Takes bytes and gives bytes; nothing here waits, sleeps, or raises because of what it was sent.
 
-    Answers queue up until they are read, as they do on a raw socket; a device that is asked again before
-    it was read does not report -410. After a command error the rest of the message is dropped, after any
-    other error it goes on (assumed). Commands are complete when the message is: ``*OPC`` and ``*WAI`` find
-    nothing to wait for.
+    After a command error the rest of the message is dropped, after any other error it goes on (assumed).
+    ``*WAI`` and ``*OPC?`` let the clock pass to the end of what a command began; ``*OPC?`` answers to
+    something that does not end when that is stopped, and ``*WAI`` goes on at once (assumed). `write` and
+    `read` are those of its `own` connection, which is a stream until it is told otherwise.
 
     Parameters
     ----------
@@ -29,41 +46,63 @@ class ScpiDevice:
         Answer to ``*IDN?``.
     channels : int
         Largest numeric suffix.
+    queue_depth : int
+        Most errors that are kept.
+    signed : bool
+        Whether whole numbers are answered with a plus sign.
+    options : str
+        Answer to ``*OPT?``; "0" says that there are none (IEEE 488.2, 10.20).
+    clock : Clock, optional
+        What time passes on; without one the device has its own.
     """
 
-    def __init__(self, identity: str, channels: int = 1) -> None:
+    learn_first: tuple[str, ...] = ()
+    """Headers that ``*LRN?`` names before the others, since those depend on them."""
+    learn_not: frozenset[str] = frozenset()
+    """Headers that ``*LRN?`` leaves out: other names of a setting, and what is no setting."""
+
+    def __init__(
+        self,
+        identity: str,
+        channels: int = 1,
+        *,
+        queue_depth: int = QUEUE_DEPTH,
+        signed: bool = True,
+        options: str = "0",
+        clock: Clock | None = None,
+    ) -> None:
         self.identity = identity
-        self.status = Status()
+        self.options = options
+        self.status = Status(queue_depth, signed)
         self.tree = HeaderTree(channels)
-        self._framer = Framer(INPUT_CAPACITY)
-        self._output: deque[bytes] = deque()
-        self._add_common_commands()
+        self.memory = Memory()
+        self._clock: Clock = clock or _OwnClock()
+        self._over_at_s = -math.inf
+        self._announce = False
+        self._owed: set[Connection] = set()
+        self.own = self._speaking = self.connect("stream")
+        self._answers: list[str] = []
+        add_common_commands(self)
+
+    def connect(self, exchange: Exchange) -> Connection:
+        """Give a client its own input and answers; settings, errors and registers are everybody's."""
+        return Connection(self, exchange)
 
     def write(self, data: bytes, end: bool = False) -> None:
-        """Take bytes; execute each message that they complete.
-
-        Parameters
-        ----------
-        data : bytes
-            Any part of the stream.
-        end : bool
-            Whether the link marked the last byte as the end of a message.
-        """
-        for message in self._framer.feed(data, end):
-            self._execute(message)
+        """Take bytes from the own connection, see `Connection.write`."""
+        self.own.write(data, end)
 
     def read(self) -> bytes | None:
         """Return the next complete answer with its line feed, None when there is none."""
-        return self._output.popleft() if self._output else None
+        return self.own.read()
 
     def clear(self) -> None:
-        """Device clear: drop what was sent in part and what was not read; settings and errors stay."""
-        self._framer.reset()
-        self._output.clear()
+        """Do what a device clear does, see `Connection.clear`."""
+        self.own.clear()
 
     def read_stb(self) -> int:
-        """Return the status byte; bit 6 is the master summary, since service requests are not emulated."""
-        return self.status.byte(bool(self._output))
+        """Return the status byte, see `Connection.read_stb`."""
+        return self.own.read_stb()
 
     def triggered(self) -> None:
         """Do what ``*TRG`` does.
@@ -81,15 +120,100 @@ class ScpiDevice:
     def settled(self) -> None:
         """Take notice that a message has changed settings."""
 
+    def power_on(self) -> None:
+        """Switch off and on again: settings, registers, errors and answers begin anew."""
+        self.cancel()
+        self.reset()
+        self.status.power_on()
+        self.own.clear()
+        self.settled()
+
     def report(self, error: ScpiError) -> None:
         """Put an error into the queue without stopping the command."""
         self.status.report(error)
 
-    def _execute(self, message: Message) -> None:
-        branch, answers, commanded = self.tree.root, list[str](), False
-        for unit in parse(message):
+    def begin(self, duration_s: float) -> None:
+        """Begin something that takes time, which ``*OPC`` and ``*WAI`` wait for; infinity: until `stop`."""
+        self._over_at_s = self._clock.now_s() + duration_s
+
+    def stop(self) -> None:
+        """End what was begun."""
+        self._over_at_s = -math.inf
+
+    def follow(self) -> None:
+        """Tell those who wait for what has ended."""
+        if not (self._announce or self._owed) or self._over_at_s > self._clock.now_s():
+            return
+        if self._announce:
+            self.status.events |= OPERATION_COMPLETE
+        owed = tuple(self._owed)
+        self.cancel()
+        for connection in owed:
+            connection.answer("1")
+
+    def announce_completion(self) -> None:
+        """Set the bit of ``*OPC`` once what was begun has ended."""
+        self._announce = True
+        self.follow()
+
+    def wait(self) -> bool:
+        """Let time pass until what was begun has ended; False when it never does."""
+        left_s = self._over_at_s - self._clock.now_s()
+        if 0 < left_s < math.inf:
+            self._clock.sleep_s(left_s)
+            self._over_at_s = -math.inf
+        self.follow()
+        return left_s < math.inf
+
+    def owe(self) -> None:
+        """Answer "1" to the client that speaks once what was begun has ended."""
+        self._owed.add(self._speaking)
+        self._speaking.owed = True
+
+    def forget(self, connection: Connection) -> None:
+        """Owe a client no answer any more."""
+        connection.owed = False
+        self._owed.discard(connection)
+
+    def cancel(self) -> None:
+        """Announce no completion, and owe none, as ``*CLS`` and ``*RST`` do."""
+        self._announce = False
+        for connection in tuple(self._owed):
+            self.forget(connection)
+
+    def status_byte(self, message_available: bool) -> int:
+        """Return the status byte of a client that has, or has not, an answer to read."""
+        return self.status.byte(message_available)
+
+    def own_status_byte(self) -> int:
+        """Return the status byte for the client that speaks; answers of the same message count."""
+        return self.status_byte(bool(self._answers) or self._speaking.has_answer)
+
+    def learn(self) -> str:
+        """Return the message that brings all settings back."""
+        return learned(self.tree, self.learn_first, self.learn_not)
+
+    def kept(self) -> object:
+        """Return all settings, for `bring_back`."""
+        return self.learn()
+
+    def bring_back(self, kept: object) -> None:
+        """Make all settings what they were; what cannot be had any more is reported."""
+        for unit in parse(Message(str(kept))):
             try:
-                branch, answer = self._run(unit, branch)
+                self._run(unit, self.tree.root, [])
+            except ScpiError as error:
+                self.report(error)
+
+    def execute(self, message: Message, connection: Connection) -> None:
+        """Carry out a message and hand its answer, if it has one, to the connection."""
+        self._speaking = connection
+        self._answers = answers = list[str]()
+        branch, commanded, last = self.tree.root, False, list[str]()
+        for unit in parse(message):
+            self.follow()
+            try:
+                branch, answer = self._run(unit, branch, last)
             except ScpiError as error:
                 self.report(error)
                 commanded = True
@@ -102,59 +226,27 @@ class ScpiDevice:
         if commanded:
             self.settled()
         if answers:
-            self._answer(";".join(answers))
+            self._answers = []
+            connection.answer(";".join(answers))
+        self._speaking = self.own
 
-    def _run(self, unit: Unit | ScpiError, branch: Branch) -> tuple[Branch, str | None]:
+    def _run(self, unit: Unit | ScpiError, branch: Branch, last: list[str]) -> tuple[Branch, str | None]:
+        """Run a unit; `last` names a query of this message that no other may follow."""
         if isinstance(unit, ScpiError):
             raise ScpiError(unit.code, unit.detail)
+        found = self._found(unit, branch)
+        if found.is_query:
+            if last:
+                raise ScpiError(-440, last[0])
+            if found.action.ends_message:
+                last.append(unit.header)
+        return found.branch, found.action.run(Call(found.suffixes, unit.parameters))
+
+    def _found(self, unit: Unit, branch: Branch) -> Found:
         found = self.tree.find(unit.header, branch)
         count = len(unit.parameters)
         if count > found.action.most:
             raise ScpiError(-108, unit.header)
         if count < found.action.least:
             raise ScpiError(-109, unit.header)
-        return found.branch, found.action.run(Call(found.suffixes, unit.parameters))
-
-    def _answer(self, text: str) -> None:
-        if len(self._output) == OUTPUT_CAPACITY:
-            self.report(ScpiError(-430))
-        else:
-            self._output.append(text.encode("latin-1") + b"\n")
-
-    def _add_common_commands(self) -> None:
-        status, add = self.status, self.tree.add
-
-        def set_event_enable(call: Call) -> None:
-            status.event_enable = read_integer(call.parameters[0], 0, 255)
-
-        def set_service_enable(call: Call) -> None:
-            status.service_enable = read_integer(call.parameters[0], 0, 255)
-
-        def complete(call: Call) -> None:
-            status.events |= OPERATION_COMPLETE
-
-        add("*IDN", query=Action(lambda call: self.identity))
-        add("*RST", Action(lambda call: self.reset()))
-        add("*CLS", Action(lambda call: status.clear()))
-        add("*TRG", Action(lambda call: self.triggered()))
-        add("*WAI", Action(lambda call: None))
-        add("*OPC", Action(complete), Action(lambda call: "1"))
-        add("*TST", query=Action(lambda call: "+0"))
-        add("*ESR", query=Action(lambda call: f"{status.take_events():+d}"))
-        add("*STB", query=Action(lambda call: f"{self.read_stb():+d}"))
-        add("*ESE", Action(set_event_enable, 1, 1), Action(lambda call: f"{status.event_enable:+d}"))
-        add("*SRE", Action(set_service_enable, 1, 1), Action(lambda call: f"{status.service_enable:+d}"))
-        add("SYSTem:ERRor[:NEXT]", query=Action(lambda call: status.next_error()))
-        add("SYSTem:VERSion", query=Action(lambda call: SCPI_VERSION))
-        self._add_register("STATus:QUEStionable", status.questionable)
-        self._add_register("STATus:OPERation", status.operation)
-
-    def _add_register(self, header: str, register: Register) -> None:
-        def set_enable(call: Call) -> None:
-            register.enable = read_integer(call.parameters[0], 0, 32767)
-
-        self.tree.add(f"{header}[:EVENt]", query=Action(lambda call: f"{register.take_event():+d}"))
-        self.tree.add(f"{header}:CONDition", query=Action(lambda call: f"{register.condition:+d}"))
-        self.tree.add(
-            f"{header}:ENABle", Action(set_enable, 1, 1), Action(lambda call: f"{register.enable:+d}")
-        )
+        return found

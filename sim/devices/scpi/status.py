@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from sim.devices.scpi.registers import Register
 
 QUEUE_DEPTH = 20
 _LONGEST_DETAIL = 80
@@ -25,6 +28,7 @@ MESSAGES = {
     -131: "Invalid suffix",
     -138: "Suffix not allowed",
     -141: "Invalid character data",
+    -144: "Character data too long",
     -148: "Character data not allowed",
     -151: "Invalid string data",
     -158: "String data not allowed",
@@ -32,14 +36,23 @@ MESSAGES = {
     -168: "Block data not allowed",
     -178: "Expression data not allowed",
     -211: "Trigger ignored",
+    -213: "Init ignored",
     -221: "Settings conflict",
     -222: "Data out of range",
     -223: "Too much data",
     -224: "Illegal parameter value",
     -230: "Data corrupt or stale",
+    -240: "Hardware error",
+    -241: "Hardware missing",
+    -310: "System error",
+    -313: "Calibration memory lost",
+    -330: "Self-test failed",
     -350: "Queue overflow",
     -363: "Input buffer overrun",
+    -410: "Query INTERRUPTED",
+    -420: "Query UNTERMINATED",
     -430: "Query DEADLOCKED",
+    -440: "Query UNTERMINATED after indefinite response",
 }
 
 OPERATION_COMPLETE, QUERY_ERROR, DEVICE_ERROR, EXECUTION_ERROR, COMMAND_ERROR, POWER_ON = (
@@ -71,10 +84,22 @@ class ScpiError(Exception):
         """Whether the message could not be understood (-100 to -199)."""
         return -200 < self.code <= -100
 
-    def __str__(self) -> str:
+    def entry(self) -> ErrorEntry:
+        """Return what stands in the queue."""
         detail = "".join(_printable(letter) for letter in self.detail[:_LONGEST_DETAIL])
-        text = "; ".join(part for part in (MESSAGES.get(self.code, ""), detail) if part)
-        return f'{self.code:+d},"{text}"'
+        return ErrorEntry(
+            self.code, "; ".join(part for part in (MESSAGES.get(self.code, ""), detail) if part)
+        )
+
+
+class ErrorEntry(NamedTuple):
+    """Number and text of an error."""
+
+    code: int
+    text: str
+
+
+NO_ERROR = ErrorEntry(0, MESSAGES[0])
 
 
 def _printable(letter: str) -> str:
@@ -93,47 +118,62 @@ def event_bit(code: int) -> int:
 
 
 @dataclass(slots=True)
-class Register:
-    """Condition, event and enable of OPERation or QUEStionable, with positive transitions only."""
-
-    condition: int = 0
-    event: int = 0
-    enable: int = 0
-
-    def set(self, bit: int, on: bool) -> None:
-        """Follow a condition; what rises is latched in `event`."""
-        before = self.condition
-        self.condition = before | bit if on else before & ~bit
-        self.event |= self.condition & ~before
-
-    def take_event(self) -> int:
-        """Read and clear the latched events."""
-        event, self.event = self.event, 0
-        return event
-
-
-@dataclass(slots=True)
 class Status:
-    """Everything a status byte is made of."""
+    """Everything a status byte is made of, but whether a message is available.
 
+    Parameters
+    ----------
+    queue_depth : int
+        Most errors that are kept.
+    signed : bool
+        Whether whole numbers are answered with a plus sign, as Keysight does.
+    """
+
+    queue_depth: int = QUEUE_DEPTH
+    signed: bool = True
     events: int = POWER_ON
     event_enable: int = 0
     service_enable: int = 0
+    power_on_clear: bool = True
     questionable: Register = field(default_factory=Register)
     operation: Register = field(default_factory=Register)
-    errors: deque[str] = field(default_factory=deque)
+    errors: deque[ErrorEntry] = field(default_factory=deque)
+
+    def integer(self, value: int) -> str:
+        """Write a whole number."""
+        return f"{value:+d}" if self.signed else f"{value:d}"
 
     def report(self, error: ScpiError) -> None:
         """Queue an error and set its event bit; a full queue has its newest entry replaced by -350."""
         self.events |= event_bit(error.code)
-        if len(self.errors) == QUEUE_DEPTH:
-            self.errors[-1] = str(ScpiError(-350))
+        if len(self.errors) == self.queue_depth:
+            self.errors[-1] = ScpiError(-350).entry()
         else:
-            self.errors.append(str(error))
+            self.errors.append(error.entry())
 
     def next_error(self) -> str:
         """Take the oldest error, as number and text."""
-        return self.errors.popleft() if self.errors else str(ScpiError(0))
+        return self._written(self.errors.popleft() if self.errors else NO_ERROR)
+
+    def next_code(self) -> str:
+        """Take the oldest error, as number."""
+        return self.integer(self.errors.popleft().code if self.errors else 0)
+
+    def all_errors(self) -> str:
+        """Take all errors, oldest first."""
+        return ",".join(map(self._written, self._emptied()))
+
+    def all_codes(self) -> str:
+        """Take all errors, oldest first, as numbers."""
+        return ",".join(self.integer(entry.code) for entry in self._emptied())
+
+    def _emptied(self) -> list[ErrorEntry]:
+        taken = list(self.errors) or [NO_ERROR]
+        self.errors.clear()
+        return taken
+
+    def _written(self, entry: ErrorEntry) -> str:
+        return f'{self.integer(entry.code)},"{entry.text}"'
 
     def take_events(self) -> int:
         """Read and clear the standard event register."""
@@ -141,17 +181,30 @@ class Status:
         return events
 
     def clear(self) -> None:
-        """Do what ``*CLS`` does: events and errors go, enable masks stay."""
+        """Do what ``*CLS`` does: events and errors go, enable masks and filters stay."""
         self.events = self.questionable.event = self.operation.event = 0
         self.errors.clear()
+
+    def preset(self) -> None:
+        """Do what ``STATus:PRESet`` does: nothing is enabled, and rising conditions make events."""
+        self.questionable.preset()
+        self.operation.preset()
+
+    def power_on(self) -> None:
+        """Begin anew; ``*PSC 0`` keeps the masks of service requests and standard events."""
+        self.clear()
+        self.preset()
+        self.events = POWER_ON
+        if self.power_on_clear:
+            self.event_enable = self.service_enable = 0
 
     def byte(self, message_available: bool) -> int:
         """Return the status byte with the master summary in bit 6."""
         value = (
             (ERROR_QUEUE_BIT if self.errors else 0)
-            | (QUESTIONABLE_BIT if self.questionable.event & self.questionable.enable else 0)
+            | (QUESTIONABLE_BIT if self.questionable.summary else 0)
             | (MESSAGE_AVAILABLE if message_available else 0)
             | (EVENT_BIT if self.events & self.event_enable else 0)
-            | (OPERATION_BIT if self.operation.event & self.operation.enable else 0)
+            | (OPERATION_BIT if self.operation.summary else 0)
         )
         return value | (MASTER_BIT if value & self.service_enable & ~MASTER_BIT else 0)

@@ -29,11 +29,12 @@ Handler = Callable[[Call], str | None]
 
 
 class Action(NamedTuple):
-    """A handler and how many parameters it takes."""
+    """A handler and how many parameters it takes; after one that ends its message no query may follow."""
 
     run: Handler
     least: int = 0
     most: int = 0
+    ends_message: bool = False
 
 
 @dataclass(slots=True, eq=False)
@@ -69,6 +70,22 @@ def forms(name: str) -> tuple[str, str]:
     return "".join(itertools.takewhile(lambda letter: not letter.islower(), name)), name.upper()
 
 
+def patterns_of(pattern: str, largest_suffix: int) -> list[tuple[str, tuple[int, ...]]]:
+    """Return the short header of a pattern with each numeric suffix, beside what its handler is given.
+
+    All ``#`` of a pattern get the same number.
+    """
+    nodes = _PATTERN_NODE.findall(pattern)
+    numbers = range(1, largest_suffix + 1) if "#" in pattern else (1,)
+    return [
+        (
+            ":".join(forms(name)[0] + (str(number) if mark else "") for _, name, mark in nodes),
+            tuple(number for _, _, mark in nodes if mark),
+        )
+        for number in numbers
+    ]
+
+
 class HeaderTree:
     """Finds the handler of a header.
 
@@ -79,7 +96,8 @@ class HeaderTree:
     """
 
     def __init__(self, largest_suffix: int = 1) -> None:
-        self._largest_suffix = largest_suffix
+        self.largest_suffix = largest_suffix
+        self.actions: dict[str, tuple[Action | None, Action | None]] = {}
         self._common: dict[str, Node] = {}
         self.root = Branch(Node(), ())
         self.find = lru_cache(maxsize=2048)(self._search)
@@ -95,7 +113,9 @@ class HeaderTree:
         command, query : Action, optional
             What runs without and with a question mark.
         """
+        self.actions[pattern] = command, query
         if pattern.startswith("*"):
+            self.find.cache_clear()
             self._common[pattern] = Node(command=command, query=query)
             return
         nodes = _PATTERN_NODE.findall(pattern)
@@ -116,7 +136,7 @@ class HeaderTree:
         child = node.children.setdefault(full, Node())
         node.children[short] = child
         if numbered:
-            child.largest_suffix = self._largest_suffix
+            child.largest_suffix = self.largest_suffix
         return child
 
     def _search(self, header: str, branch: Branch) -> Found:
