@@ -41,12 +41,12 @@ interleave = { gain = 0.008, offset_v = 1e-3, skew_s = 20e-12 }
 SERVE = """
 import sys
 from belahil.config import load_bench
-from sim.transports.server import serve
+from sim.transports.server import Serving, serve
 
 def announce(served):
     print(served.address, served.link, served.pty_link, flush=True)
 
-serve(load_bench(sys.argv[1]), announce, pty=sys.platform != "win32")
+serve(load_bench(sys.argv[1]), announce, Serving(pty=sys.platform != "win32"))
 print("stopped", flush=True)
 """
 STIMULI: tuple[Stimulus, ...] = (

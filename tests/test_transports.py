@@ -357,7 +357,7 @@ def test_a_port_that_is_taken_is_one_clear_line() -> None:
 def test_a_pseudo_terminal_carries_every_byte() -> None:
     with Server() as server:
         channel = PtyChannel()
-        server.attach(channel, LineWire(Line()))
+        server.attach(channel, lambda: LineWire(Line()))
         with _running(server):
             for _ in range(2):  # a client may leave and come back
                 link = open_serial(channel.path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,20 @@ if TYPE_CHECKING:
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option("--scpi-port", type=click.IntRange(0, 65535), default=0, help="Port of the generator; 0: any.")
 @click.option("--link-port", type=click.IntRange(0, 65535), default=0, help="Port of the receiver; 0: any.")
-@click.option("--pty", is_flag=True, help="Offer the receiver at a pseudo-terminal too (not on Windows).")
+@click.option("--pty", is_flag=True, help="Offer both at pseudo-terminals too (not on Windows).")
+@click.option(
+    "--baud",
+    type=click.FloatRange(min=1),
+    metavar="RATE",
+    help="Bytes leave no faster on the receiver's link and on pseudo-terminals, ten bits each.",
+)
+@click.option(
+    "--latency-ms",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    metavar="T",
+    help="Every answer leaves so much later.",
+)
 @click.option(
     "--client",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -39,17 +53,21 @@ def command(
     scpi_port: int,
     link_port: int,
     pty: bool,
+    baud: float | None,
+    latency_ms: float,
     client: Path | None,
 ) -> int:
     """Serve the instruments of an emulated bench over TCP until Ctrl-C or SIGTERM; the status is 0 then.
 
     Prints where they are, and a bench file for the process that measures them. The truth stays here.
     """
+    import math
+
     from msgspec.structs import replace
 
     from belahil.config import load_bench
     from belahil.storage import write_whole
-    from sim.transports.server import Served, serve
+    from sim.transports.server import Served, Serving, serve
 
     config = load_bench(bench)
     if seed is not None:
@@ -59,15 +77,19 @@ def command(
         text = client_file(config, served.address, served.link)
         if client is not None:
             write_whole(client, text)
-        print(f"# generator: {served.address}\n# receiver:  {served.link}")
-        if served.pty_link:
-            print(f"# receiver:  {served.pty_link}")
+        for name, places in (
+            ("generator:", (served.address, served.pty_address)),
+            ("receiver: ", (served.link, served.pty_link)),
+        ):
+            for place in filter(None, places):
+                print(f"# {name} {place}")
         print(
             f"# a bench file for another process{f', written to {client}' if client else ''}:\n{text}",
             flush=True,
         )
 
-    serve(config, announce, host=host, scpi_port=scpi_port, link_port=link_port, pty=pty)
+    how = Serving(host, scpi_port, link_port, pty, baud or math.inf, latency_ms / 1e3)
+    serve(config, announce, how, lambda line: print("belahil:", line, file=sys.stderr, flush=True))
     return 0
 
 

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import math
 import os
+import select
 import socket
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sim.devices.scpi import ScpiDevice
     from sim.transports.serial_port import ByteDevice
 
 PORTION_BYTES = 1 << 16
+_ALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
+"""In s and tries: a client whose computer was switched off leaves within half a minute."""
 
 
 class Channel(Protocol):
@@ -39,6 +47,10 @@ class SocketChannel:
     def __init__(self, connected: socket.socket) -> None:
         connected.setblocking(False)
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in _ALIVE.items():
+            if hasattr(socket, name):
+                connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
         self._socket = connected
 
     def fileno(self) -> int:
@@ -61,29 +73,54 @@ class SocketChannel:
         self._socket.close()
 
 
+class HungUp(Exception):
+    """Nobody has the far end open any more; somebody may come back."""
+
+
 class PtyChannel:
     """A pseudo-terminal, which looks like a serial port to others; POSIX only.
 
-    What this does not model: a line's pace, and its modem lines.
+    What this does not model: a line's modem lines.
     """
 
     def __init__(self) -> None:
         import tty
 
-        # The far end stays open here too: without it, a client that leaves would end the line.
-        self._near, self._far = os.openpty()
-        tty.setraw(self._near)
-        tty.setraw(self._far)
+        self._near, far = os.openpty()
+        tty.setraw(far)
+        self.path = os.ttyname(far)
+        # Held open here, the far end would hide whether a client is there.
+        os.close(far)
         os.set_blocking(self._near, False)
-        self.path = os.ttyname(self._far)
 
     def fileno(self) -> int:
         """Number that a selector waits for."""
         return self._near
 
+    def is_open(self) -> bool:
+        """Whether a client has the far end open, or has left something to read."""
+        poll = select.poll()
+        poll.register(self._near, select.POLLIN)
+        events = poll.poll(0)
+        return not events or bool(events[0][1] & select.POLLIN)
+
     def receive(self) -> bytes:
-        """Return what has arrived."""
-        return os.read(self._near, PORTION_BYTES)
+        """Return what has arrived.
+
+        Raises
+        ------
+        HungUp
+            The client has closed the far end.
+        """
+        try:
+            data = os.read(self._near, PORTION_BYTES)
+        except OSError as error:
+            if error.errno == errno.EIO:
+                raise HungUp from error
+            raise
+        if not data:
+            raise HungUp
+        return data
 
     def send(self, data: bytes) -> int:
         """Send what fits and return how much that was."""
@@ -93,24 +130,31 @@ class PtyChannel:
             return 0
 
     def close(self) -> None:
-        """Let go of both ends."""
+        """Let go."""
         os.close(self._near)
-        os.close(self._far)
 
 
-class Wire(Protocol):
+class Wire(ABC):
     """A client's side of a device."""
 
+    finished = False
+    """Whether the connection ends once all has been sent."""
+    due_s = math.inf
+    """Time on the server's clock when `take` may have something to say without being fed."""
+
+    @abstractmethod
     def feed(self, data: bytes) -> None:
         """Take bytes from the client."""
-        ...
 
+    @abstractmethod
     def take(self) -> bytes:
         """Give bytes for the client."""
-        ...
+
+    def gone(self) -> None:  # noqa: B027 - most have nothing to tidy up
+        """Take notice that the client has left."""
 
 
-class ScpiWire:
+class ScpiWire(Wire):
     """One of several clients of one instrument: it gets the answers to its own messages.
 
     Parameters
@@ -131,11 +175,20 @@ class ScpiWire:
         return b"".join(iter(self._connection.read, None))
 
 
-class LineWire:
-    """The only client of a device that is spoken to in bytes."""
+class LineWire(Wire):
+    """The only client of a device that is spoken to in bytes.
 
-    def __init__(self, device: ByteDevice) -> None:
+    Parameters
+    ----------
+    device : ByteDevice
+        The device.
+    release : callable, optional
+        Is called when the client has left.
+    """
+
+    def __init__(self, device: ByteDevice, release: Callable[[], None] = lambda: None) -> None:
         self._device = device
+        self._release = release
 
     def feed(self, data: bytes) -> None:
         """Take bytes."""
@@ -144,3 +197,7 @@ class LineWire:
     def take(self) -> bytes:
         """Give what is ready."""
         return self._device.read(PORTION_BYTES)
+
+    def gone(self) -> None:
+        """Let another client have the device."""
+        self._release()

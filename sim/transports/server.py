@@ -1,11 +1,14 @@
-"""An emulated bench for other processes: SCPI over TCP, the GRM link over TCP and a pseudo-terminal."""
+"""An emulated bench for other processes: SCPI and the GRM link over TCP and pseudo-terminals, and HiSLIP."""
 
 from __future__ import annotations
 
+import ipaddress
+import math
 import signal
+import socket
 import sys
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +18,9 @@ from sim.devices.generator_families import generator_device
 from sim.devices.grm import GrmDevice
 from sim.generator_path import true_model
 from sim.plant import Plant
-from sim.transports.channels import LineWire, PtyChannel, ScpiWire
+from sim.transports.channels import PtyChannel, ScpiWire
+from sim.transports.line_pace import LinePace
+from sim.transports.one_receiver import OneReceiver
 from sim.transports.server_loop import Server
 
 if TYPE_CHECKING:
@@ -25,6 +30,35 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 MOST_SCPI_CLIENTS = 16
+MOST_REFUSED = 8
+"""Clients that are told, at the same time, that the receiver has one already."""
+
+
+@dataclass(frozen=True, slots=True)
+class Serving:
+    """How a bench is served.
+
+    Parameters
+    ----------
+    host : str
+        Address to listen at.
+    scpi_port, link_port : int
+        TCP ports of the generator and of the receiver; 0 for any that is free.
+    pty : bool
+        Whether to offer generator and receiver at pseudo-terminals too.
+    baud : float
+        Bits per second of the serial lines: the receiver's link and the pseudo-terminals, ten to a byte;
+        infinity for lines that take no time.
+    latency_s : float
+        From when an instrument answers to when the answer begins to leave, on every line.
+    """
+
+    host: str = LOOPBACK
+    scpi_port: int = 0
+    link_port: int = 0
+    pty: bool = False
+    baud: float = math.inf
+    latency_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +71,15 @@ class Served:
         Of the generator.
     link : str
         Of the receiver.
-    pty_link : str
-        Of the receiver at a pseudo-terminal; empty without one.
+    pty_address, pty_link : str
+        Of the two at pseudo-terminals; empty without them.
     stop : callable
         Ends the serving; may be called from any thread.
     """
 
     address: str
     link: str
+    pty_address: str
     pty_link: str
     stop: Callable[[], None]
 
@@ -52,11 +87,8 @@ class Served:
 def serve(
     config: BenchConfig,
     announce: Callable[[Served], None],
-    *,
-    host: str = LOOPBACK,
-    scpi_port: int = 0,
-    link_port: int = 0,
-    pty: bool = False,
+    how: Serving = Serving(),
+    tell: Callable[[str], None] = lambda line: None,
 ) -> None:
     """Serve the emulated bench of a bench file until SIGINT, SIGTERM or `Served.stop`.
 
@@ -66,12 +98,10 @@ def serve(
         Its ``[emulation]`` is the truth, and stays here.
     announce : callable
         Is told where the devices are, once they can be reached.
-    host : str
-        Address to listen at.
-    scpi_port, link_port : int
-        TCP ports of the generator and of the receiver; 0 for any that is free.
-    pty : bool
-        Whether to offer the receiver at a pseudo-terminal too; all its clients share one receiver.
+    how : Serving
+        Where, and how fast.
+    tell : callable
+        Takes lines for whoever runs the server: who was refused, and that strangers can reach it.
 
     Raises
     ------
@@ -82,33 +112,58 @@ def serve(
     ConfigError
         A truth that cannot be.
     """
-    if pty and sys.platform == "win32":
+    if how.pty and sys.platform == "win32":
         raise RefusedInput("a pseudo-terminal was asked for: Windows has none; allowed: the TCP link")
     _warm_up(config)
     plant = Plant(config)
     generator = generator_device(true_model(config), plant)
+    receiver = OneReceiver(lambda: GrmDevice(plant, "cobs", plant.clock), tell)
 
-    def receiver() -> LineWire:
-        return LineWire(GrmDevice(plant, "cobs", plant.clock))
+    def scpi() -> ScpiWire:
+        return ScpiWire(generator)
 
-    with Server() as server:
-        scpi_port = server.listen(lambda: ScpiWire(generator), host, scpi_port, MOST_SCPI_CLIENTS)
-        link_port = server.listen(receiver, host, link_port, most_clients=1)
-        pty_link = ""
-        if pty:
-            channel = PtyChannel()
-            server.attach(channel, receiver())
-            pty_link = f"serial:{channel.path}"
+    def serial_pace() -> LinePace:
+        return LinePace(how.baud, how.latency_s)
+
+    with Server(tell) as server:
+        scpi_port = server.listen(scpi, how.host, how.scpi_port, MOST_SCPI_CLIENTS, _network_pace(how))
+        link_port = server.listen(receiver.wire, how.host, how.link_port, 1 + MOST_REFUSED, serial_pace)
+        pty_address = pty_link = ""
+        if how.pty:
+            lines = PtyChannel(), PtyChannel()
+            server.attach(lines[0], scpi, serial_pace)
+            server.attach(lines[1], receiver.wire, serial_pace)
+            pty_address, pty_link = f"ASRL{lines[0].path}::INSTR", f"serial:{lines[1].path}"
+        if not _is_loopback(how.host):
+            tell(f"listening at {how.host}: whoever reaches this computer can use the bench; no password")
+        host = _reached_as(how.host)
         with _stopped_by_signals(server.stop):
             announce(
                 Served(
                     f"TCPIP::{host}::{scpi_port}::SOCKET",
                     f"socket://{host}:{link_port}",
+                    pty_address,
                     pty_link,
                     server.stop,
                 )
             )
             server.run()
+
+
+def _network_pace(how: Serving) -> Callable[[], LinePace] | None:
+    return (lambda: LinePace(math.inf, how.latency_s)) if how.latency_s else None
+
+
+def _is_loopback(host: str) -> bool:
+    """Whether only this computer reaches what listens at `host`."""
+    with suppress(OSError, ValueError):
+        return ipaddress.ip_address(socket.gethostbyname(host)).is_loopback
+    return False
+
+
+def _reached_as(host: str) -> str:
+    """Name for clients: where all addresses are listened at, that of this computer."""
+    return socket.gethostname() if host in ("", "0.0.0.0") else host
 
 
 def _warm_up(config: BenchConfig) -> None:

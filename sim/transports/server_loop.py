@@ -2,29 +2,46 @@
 
 from __future__ import annotations
 
+import math
 import selectors
 import socket
+import time
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from belahil.errors import LinkError
-from sim.transports.channels import SocketChannel
+from sim.transports.channels import HungUp, SocketChannel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sim.transports.channels import Channel, Wire
+    from sim.transports.channels import Channel, PtyChannel, Wire
+    from sim.transports.line_pace import LinePace
+
+    Connect = Callable[[], Wire]
+    NewPace = Callable[[], LinePace]
 
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
+_MOST_UNSENT_BYTES = 1 << 20
+"""A client that lets more than that lie is not listened to until it reads."""
+_PORTION_BYTES = 1 << 18
+_LOOK_AGAIN_S = 0.05
+"""How often a pseudo-terminal without a client is looked at: nothing tells when one comes."""
 
 
 class _Client:
     """A channel, the wire behind it, and what could not be sent yet."""
 
-    def __init__(self, channel: Channel, wire: Wire) -> None:
+    def __init__(self, channel: Channel, wire: Wire, pace: LinePace | None, line: _Line | None) -> None:
         self.channel = channel
         self.wire = wire
-        self.unsent = b""
+        self.pace = pace
+        self.line = line
+        self.watched = 0
+        self.unsent = bytearray()
+        self.is_stuck = False
 
     def receive(self) -> None:
         data = self.channel.receive()
@@ -32,31 +49,75 @@ class _Client:
             raise ConnectionAbortedError("the client has left")
         self.wire.feed(data)
 
-    def pump(self) -> None:
-        """Send what the device has to say, as far as the channel takes it."""
-        while self.unsent or (taken := self.wire.take()):
-            self.unsent = self.unsent or taken
-            sent = self.channel.send(self.unsent)
-            if not sent:
+    def pump(self, now_s: float) -> None:
+        """Send what the device has to say, as far as time and the channel allow."""
+        while taken := self.wire.take():
+            self.unsent += taken
+            if self.pace:
+                self.pace.queue(len(taken), now_s)
+        self.is_stuck = False
+        while self.unsent and not self.is_stuck:
+            count = min(_PORTION_BYTES, self.pace.ready(now_s) if self.pace else _PORTION_BYTES)
+            if not count:
                 return
-            self.unsent = self.unsent[sent:]
+            sent = self.channel.send(bytes(self.unsent[:count]))
+            del self.unsent[:sent]
+            if self.pace:
+                self.pace.sent(sent)
+            self.is_stuck = not sent
+        if self.wire.finished and not self.unsent:
+            raise ConnectionAbortedError("all has been said")
+
+    def next_s(self, now_s: float) -> float:
+        """Time when `pump` has something to do although nothing has arrived."""
+        paced_s = self.pace.next_s(now_s) if self.pace and not self.is_stuck else math.inf
+        return min(self.wire.due_s, paced_s)
+
+    @property
+    def events(self) -> int:
+        """What to wait for."""
+        read = _READ if len(self.unsent) < _MOST_UNSENT_BYTES else 0
+        return read | (_WRITE if self.is_stuck else 0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """A pseudo-terminal, and what a client finds there."""
+
+    channel: PtyChannel
+    connect: Connect
+    new_pace: NewPace | None
 
 
 class Server:
     """Serves devices over one plant, in one thread: no device is ever asked by two clients at once.
 
     Use it as a context manager; leaving it closes all that is open.
+
+    Parameters
+    ----------
+    tell : callable, optional
+        Takes a line for whoever runs the server.
+    new_pace : callable, optional
+        Makes the pace of a new client; without it bytes take no time.
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self, tell: Callable[[str], None] = lambda line: None, new_pace: NewPace | None = None
+    ) -> None:
+        self._tell = tell
+        self._new_pace = new_pace
         self._selector = selectors.DefaultSelector()
         self._clients: list[_Client] = []
+        self._absent: list[_Line] = []
         self._listeners: list[socket.socket] = []
         self._stopping = False
         self._waker, self._woken = socket.socketpair()
         self._selector.register(self._woken, _READ)
 
-    def listen(self, connect: Callable[[], Wire], host: str, port: int, most_clients: int) -> int:
+    def listen(
+        self, connect: Connect, host: str, port: int, most_clients: int, new_pace: NewPace | None = None
+    ) -> int:
         """Wait for clients on a TCP port.
 
         Parameters
@@ -69,6 +130,8 @@ class Server:
             0 for any that is free.
         most_clients : int
             At once; a further one is disconnected.
+        new_pace : callable, optional
+            In place of the server's.
 
         Returns
         -------
@@ -88,34 +151,42 @@ class Server:
             ) from error
         listener.setblocking(False)
         self._listeners.append(listener)
+        bound: int = listener.getsockname()[1]
         connected: list[_Client] = []
 
         def accept() -> None:
-            with suppress(BlockingIOError, ConnectionError):
-                channel = SocketChannel(listener.accept()[0])
+            with suppress(OSError):
+                line, peer = listener.accept()
+                channel = SocketChannel(line)
                 connected[:] = [client for client in connected if client in self._clients]
                 if len(connected) < most_clients:
-                    connected.append(self._add(channel, connect()))
+                    connected.append(self._add(channel, connect(), new_pace))
                 else:
                     channel.close()
+                    self._tell(
+                        f"port {bound}: {_place(peer)} was sent away: {most_clients} clients are there"
+                    )
 
         self._selector.register(listener, _READ, accept)
-        bound: int = listener.getsockname()[1]
         return bound
 
-    def attach(self, channel: Channel, wire: Wire) -> None:
-        """Serve a channel that is open."""
-        self._add(channel, wire)
+    def attach(self, channel: PtyChannel, connect: Connect, new_pace: NewPace | None = None) -> None:
+        """Serve a pseudo-terminal; each client that opens it gets a new wire."""
+        self._absent.append(_Line(channel, connect, new_pace))
 
     def run(self) -> None:
         """Serve until `stop`."""
         while not self._stopping:
-            for key, events in self._selector.select():
-                if key.data and events & _READ:
+            ready = [key for key, events in self._selector.select(self._patience_s()) if events & _READ]
+            # Who has left makes room before the next one is let in.
+            for key in sorted(ready, key=lambda key: key.fileobj in self._listeners):
+                if key.data:
                     key.data()
+            self._look_for_callers()
+            now_s = time.monotonic()
             # What one device was told can give another one something to say.
             for client in tuple(self._clients):
-                self._attempt(client, client.pump)
+                self._attempt(client, partial(client.pump, now_s))
 
     def stop(self) -> None:
         """Make `run` return; may be called from another thread or a signal handler."""
@@ -127,16 +198,35 @@ class Server:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._stopping = True
         for client in tuple(self._clients):
             self._drop(client)
         self._selector.close()
+        for line in self._absent:
+            line.channel.close()
         for closing in (*self._listeners, self._waker, self._woken):
             closing.close()
 
-    def _add(self, channel: Channel, wire: Wire) -> _Client:
-        client = _Client(channel, wire)
+    def _patience_s(self) -> float | None:
+        now_s = time.monotonic()
+        next_s = min((client.next_s(now_s) for client in self._clients), default=math.inf)
+        if self._absent:
+            next_s = min(next_s, now_s + _LOOK_AGAIN_S)
+        return max(0.0, next_s - now_s) if next_s < math.inf else None
+
+    def _look_for_callers(self) -> None:
+        for line in tuple(self._absent):
+            if line.channel.is_open():
+                self._absent.remove(line)
+                self._add(line.channel, line.connect(), line.new_pace, line)
+
+    def _add(
+        self, channel: Channel, wire: Wire, new_pace: NewPace | None, line: _Line | None = None
+    ) -> _Client:
+        new_pace = new_pace or self._new_pace
+        client = _Client(channel, wire, new_pace() if new_pace else None, line)
         self._clients.append(client)
-        self._selector.register(channel, _READ, lambda: self._attempt(client, client.receive))
+        self._watch(client)
         return client
 
     def _attempt(self, client: _Client, action: Callable[[], None]) -> None:
@@ -145,15 +235,35 @@ class Server:
             action()
         except BlockingIOError:
             return
-        except OSError:
+        except (OSError, HungUp):
             self._drop(client)
             return
-        key = self._selector.get_key(client.channel)
-        wanted = _READ | _WRITE if client.unsent else _READ
-        if key.events != wanted:
-            self._selector.modify(client.channel, wanted, key.data)
+        self._watch(client)
+
+    def _watch(self, client: _Client) -> None:
+        """Wait for what the client can do; a selector does not take those who wait for nothing."""
+        wanted = client.events
+        if wanted == client.watched:
+            return
+        listen = partial(self._attempt, client, client.receive)
+        if not client.watched:
+            self._selector.register(client.channel, wanted, listen)
+        elif wanted:
+            self._selector.modify(client.channel, wanted, listen)
+        else:
+            self._selector.unregister(client.channel)
+        client.watched = wanted
 
     def _drop(self, client: _Client) -> None:
         self._clients.remove(client)
-        self._selector.unregister(client.channel)
-        client.channel.close()
+        if client.watched:
+            self._selector.unregister(client.channel)
+        client.wire.gone()
+        if client.line and not self._stopping:
+            self._absent.append(client.line)
+        else:
+            client.channel.close()
+
+
+def _place(peer: tuple[str, int]) -> str:
+    return f"{peer[0]}:{peer[1]}"
