@@ -25,20 +25,22 @@ from belahil.errors import (
     StaleData,
 )
 from belahil.generators import SOURCE_OHM, behind_output, open_circuit
+from belahil.link_source import DirectLinks
 from belahil.stimuli import NoSignal, SampledPulse, Stimulus, TransmittedPulse, largest_volts, scaled
 from belahil.values import Shot, Trigger, WindowRequest
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from types import TracebackType
 
     from belahil.config import BenchConfig
     from belahil.generators import GeneratorModel
     from belahil.interfaces import Clock, Digitizer, FunctionGenerator, LinkCounts
+    from belahil.link_source import LinkSource
     from belahil.receiver import DigitizerSpec
 
 ATTEMPTS = 3
 READ_TIMEOUT_S = 2.0
-LEFT_ON = "the generator did not confirm that its output is off: switch it off by hand"
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ class Endpoints:
         Vendor and product number on that backend.
     clock : Clock
         Time of this bench.
+    links : LinkSource
+        Opens the links, records or replays them.
     """
 
     visa_library: Any = None
@@ -70,6 +74,7 @@ class Endpoints:
     usb_backend: Any = None
     usb_id: tuple[int, int] = (0, 0)
     clock: Clock = field(default_factory=SystemClock)
+    links: LinkSource = field(default_factory=DirectLinks)
 
 
 class Bench:
@@ -85,6 +90,8 @@ class Bench:
         Attenuation, load, interlock, triggering; `[emulation]` is not read here.
     clock : Clock
         For settling.
+    links : LinkSource or None
+        Where the instruments' links come from; None: straight from the libraries, or there are none.
 
     Notes
     -----
@@ -92,7 +99,12 @@ class Bench:
     """
 
     def __init__(
-        self, generator: FunctionGenerator, digitizer: Digitizer, config: BenchConfig, clock: Clock
+        self,
+        generator: FunctionGenerator,
+        digitizer: Digitizer,
+        config: BenchConfig,
+        clock: Clock,
+        links: LinkSource | None = None,
     ) -> None:
         self._generator = generator
         self._digitizer = digitizer
@@ -101,11 +113,12 @@ class Bench:
         self._played: Stimulus | None = None
         self._gain_code: int | None = None
         self.config = config
+        self.links = links or DirectLinks()
         generator.output(False)
 
     @property
     def source(self) -> str:
-        """``simulated``, ``emulated`` or ``hardware``: for labels only, never to branch on."""
+        """``simulated``, ``emulated``, ``hardware`` or ``replay``: for labels only, never to branch on."""
         return self.config.source
 
     @property
@@ -270,10 +283,12 @@ class Bench:
 
     def close(self) -> bool:
         """Switch the output off and let go of both instruments; return whether it is confirmed to be off."""
+        self.links.leaving()
         try:
             return self._generator.close()
         finally:
             self._digitizer.close()
+            self.links.close()
 
     def __enter__(self) -> Bench:
         return self
@@ -281,11 +296,13 @@ class Bench:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self.close():
-            return
+        left_on = "" if self.close() else self.links.left_on
+        if error is None and left_on:
+            raise InstrumentError(left_on)
         if error is None:
-            raise InstrumentError(LEFT_ON)
-        error.add_note(LEFT_ON)
+            self.links.check()
+        elif left_on:
+            error.add_note(left_on)
 
 
 def setting_per_cut_volt(config: BenchConfig) -> float:
@@ -305,15 +322,19 @@ def _span(codes: tuple[int, ...]) -> str:
     return "gain codes " + ", ".join(map(str, codes))
 
 
-def open_bench(bench: str | BenchConfig = "emulated", *, seed: int | None = None) -> Bench:
+def open_bench(
+    bench: str | BenchConfig = "emulated", *, seed: int | None = None, record: str | Path | None = None
+) -> Bench:
     """Open a bench by name, by file or by its configuration.
 
     Parameters
     ----------
     bench : str or BenchConfig
-        ``"emulated"``, ``"simulated"``, the path of a bench file, or a configuration.
+        ``"emulated"``, ``"simulated"``, ``"replay:FILE"``, the path of a bench file, or a configuration.
     seed : int or None
-        Replaces ``[emulation] seed``.
+        Replaces ``[emulation] seed``; a recording keeps its own.
+    record : str, Path or None
+        File that takes every byte of the links; it must not be there yet.
 
     Returns
     -------
@@ -324,23 +345,51 @@ def open_bench(bench: str | BenchConfig = "emulated", *, seed: int | None = None
     ------
     ConfigError
         The file or the combination is not allowed.
+    RefusedInput
+        The recording is there already, or there is nothing to record.
     InstrumentError
         Nobody answers, or somebody unknown does.
     """
     config = bench if isinstance(bench, configuration.BenchConfig) else configuration.load_bench(bench)
     configuration.check_bench(config)
     if seed is not None:
-        if seed < 0:
-            raise RefusedInput(f"--seed {seed}: must not be negative")
-        config = msgspec.structs.replace(
-            config, emulation=msgspec.structs.replace(config.emulation, seed=seed)
-        )
+        config = _seeded(config, seed)
+    if record is not None and config.source in ("simulated", "replay"):
+        raise RefusedInput(f"--record {record}: the bench is {config.source} and has no links to record")
     # By name: belahil imports neither drivers nor sim, and a bench loads only what it needs.
     if config.source == "simulated":
         made: Bench = importlib.import_module("sim.build").bench(config)
         return made
-    endpoints = (
-        importlib.import_module("sim.build").endpoints(config) if config.source == "emulated" else Endpoints()
-    )
-    opened: Bench = importlib.import_module("drivers.build").bench(config, endpoints)
+    endpoints = _endpoints(config, record)
+    try:
+        opened: Bench = importlib.import_module("drivers.build").bench(config, endpoints)
+    except BaseException:
+        endpoints.links.close()
+        raise
+    endpoints.links.note("instruments", opened.identities)
     return opened
+
+
+def _seeded(config: BenchConfig, seed: int) -> BenchConfig:
+    if seed < 0:
+        raise RefusedInput(f"--seed {seed}: must not be negative")
+    if config.source == "replay" and seed != config.emulation.seed:
+        raise RefusedInput(f"--seed {seed}: a recording keeps its own seed; leave it out")
+    return msgspec.structs.replace(config, emulation=msgspec.structs.replace(config.emulation, seed=seed))
+
+
+def _endpoints(config: BenchConfig, record: str | Path | None) -> Endpoints:
+    """Return what the drivers reach their instruments by, or recorded ones."""
+    if config.source == "replay":
+        from belahil.replay import Replay
+
+        replay = Replay(config.generator.address.removeprefix(configuration.REPLAY))
+        return Endpoints(clock=replay.clock, links=replay)
+    emulated = config.source == "emulated"
+    found: Endpoints = importlib.import_module("sim.build").endpoints(config) if emulated else Endpoints()
+    if record is None:
+        return found
+    from belahil.recording import Recorder
+
+    recorder = Recorder(record, config, found.clock)
+    return replace(found, clock=recorder.clock, links=recorder)

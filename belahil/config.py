@@ -20,6 +20,9 @@ from belahil.strict_toml import NotNegative, Positive, Strict
 
 Span = tuple[float, float]
 
+REPLAY = "replay:"
+"""What stands before the name of a recording where an address or a link is expected."""
+
 
 class BenchTable(Strict, frozen=True):
     """``[bench]``: who triggers, and when."""
@@ -173,7 +176,7 @@ class BenchConfig(Strict, frozen=True):
     limits: LimitsTable | None = None
 
     @property
-    def source(self) -> Literal["simulated", "emulated", "hardware"]:
+    def source(self) -> Source:
         """What kind of bench this is, from address and link.
 
         Raises
@@ -185,15 +188,20 @@ class BenchConfig(Strict, frozen=True):
         if len(kinds) != 1:
             raise ConfigError(
                 f'address = "{self.generator.address}" with link = "{self.digitizer.link}": both must be '
-                "emulated, both simulated, or both real"
+                "emulated, both simulated, or both real; or one recording for both"
             )
         (kind,) = kinds
         return kind
 
 
-def _kind(place: str) -> Literal["simulated", "emulated", "hardware"]:
+Source = Literal["simulated", "emulated", "hardware", "replay"]
+
+
+def _kind(place: str) -> Source:
     if place == "simulated":
         return "simulated"
+    if place.startswith(REPLAY):
+        return "replay"
     return "emulated" if place.split(":", 1)[0] == "emulated" else "hardware"
 
 
@@ -210,21 +218,23 @@ def simulated() -> BenchConfig:
 
 
 def load_bench(name: str) -> BenchConfig:
-    """Read ``--bench``: a file, ``emulated`` or ``simulated``.
+    """Read ``--bench``: a file, ``emulated``, ``simulated`` or ``replay:FILE``.
 
     Raises
     ------
     ConfigError
         The file is not there, or says something that is not allowed.
+    StorageError
+        A recording is damaged where it tells of its bench.
     """
     if name == "emulated":
         return emulated()
     if name == "simulated":
         return simulated()
-    if name.startswith("replay:"):
-        raise ConfigError(
-            f"--bench {name}: this version replays no recording; allowed: FILE, emulated, simulated"
-        )
+    if name.startswith(REPLAY):
+        from belahil.recording import read_session
+
+        return read_session(name.removeprefix(REPLAY)).config
     return parse_bench(strict_toml.read(name, "bench file"), name)
 
 
@@ -267,7 +277,11 @@ def check_bench(config: BenchConfig) -> None:
         raise ConfigError(f"[generator] load_ohm = {load_ohm:g}: allowed: {least:g} to {most:g} ohm, or inf")
     spec = receiver_preset(config.digitizer.receiver)
     _check_digitizer(config, spec)
-    _ = config.source
+    if config.source == "replay" and config.generator.address != config.digitizer.link:
+        raise ConfigError(
+            f'address = "{config.generator.address}" with link = "{config.digitizer.link}": '
+            "one recording serves both"
+        )
     check_by_code(config.emulation.receiver, spec, "emulation.receiver")
     for where, numbers in strict_toml.numbers(config):
         table, _, key = where.rpartition(".")
@@ -292,7 +306,7 @@ def _check_digitizer(config: BenchConfig, spec: ReceiverSpec) -> None:
     kinds = ("emulated:visa", "simulated") if is_scope else ("emulated:serial", "emulated:usb", "simulated")
     begins = ("visa:",) if is_scope else ("serial:", "socket:", "usb:")
     more = "visa:RESOURCE" if is_scope else "serial:PORT, socket://HOST:PORT, usb:VID:PID[:SERIAL]"
-    if table.link not in kinds and not table.link.startswith(begins):
+    if table.link not in kinds and not table.link.startswith((REPLAY, *begins)):
         raise ConfigError(
             f'[digitizer] link = "{table.link}" is unknown; allowed: {", ".join(kinds)}, {more}'
             + (f" with driver = {table.driver}" if is_scope else "")
@@ -330,9 +344,9 @@ def check_by_code(receiver: EmulatedReceiver, spec: ReceiverSpec, where: str) ->
             )
 
 
-def as_toml(config: BenchConfig) -> str:
-    """Write a bench file that says every key; ``parse_bench`` gives the same config back."""
-    return strict_toml.as_text(config)
+def as_toml(config: BenchConfig, *, without: tuple[str, ...] = ()) -> str:
+    """Write a bench file that says every key but tables `without`; ``parse_bench`` gives the config back."""
+    return strict_toml.as_text(config, without)
 
 
 class ReceiverTruth(Strict, frozen=True):

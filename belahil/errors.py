@@ -15,6 +15,11 @@ StorageError        4       our own files could not be written or read back
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 
 class BelahilError(Exception):
     """Root of all errors that belahil raises on purpose."""
@@ -83,6 +88,26 @@ class StaleData(LinkError):
 
 class LinkClosed(LinkError, ConnectionError):
     """The other end is gone; repeating cannot help."""
+
+
+class ReplayDiffers(InstrumentError):
+    """What is asked of a recording is not what was recorded.
+
+    Parameters
+    ----------
+    message : str
+        One line for the user.
+    excerpt : sequence of str
+        Lines that show the recorded and the present exchange beside each other.
+    """
+
+    def __init__(self, message: str, excerpt: Sequence[str] = ()) -> None:
+        super().__init__(message)
+        self.excerpt = tuple(excerpt)
+
+
+class RecordingEnds(ReplayDiffers):
+    """A recording ended before its replay did."""
 
 
 class WorkerLost(BelahilError):

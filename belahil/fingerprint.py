@@ -45,7 +45,7 @@ def facts(
     for table, key in PLACES:
         del bench[table][key]
     del bench["limits"]
-    if config.source == "hardware":
+    if config.source in ("hardware", "replay"):
         del bench["emulation"]
     found = {
         "belahil": belahil_version(),

@@ -1,10 +1,9 @@
 """The journal of a run: one file that only grows, and that a killed process cannot spoil.
 
-The file begins with `MAGIC`. Then come records, the first of which is the header. A record is three
-little-endian 32-bit words (length of the payload, CRC-32 of the payload, CRC-32 of the two words before)
-and the payload in msgpack. Each shot is on the disk before the next one is measured, so that a kill or a
-power cut leaves at most one broken record, at the end; opening the journal cuts it off. A broken
-record anywhere else means a damaged disk, and is an error that changes nothing.
+The file begins with `MAGIC`. Then come records, the first of which is the header. A record is a frame
+(`belahil.frames`) with a payload in msgpack. Each shot is on the disk before the next one is measured, so
+that a kill or a power cut leaves at most one broken record, at the end; opening the journal cuts it off. A
+broken record anywhere else means a damaged disk, and is an error that changes nothing.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from belahil.errors import StorageError
+from belahil.frames import HEAD, framed, whole_head
 from belahil.shot_record import SamePulse, from_bytes, request_in, to_bytes
 from belahil.stimuli import SampledPulse, Stimulus
 from belahil.storage import storage_error, write_whole
@@ -30,14 +30,8 @@ if TYPE_CHECKING:
     from belahil.values import Shot, WindowRequest
 
 MAGIC = b"belahil journal 1\n"
-_HEAD = struct.Struct("<III")
 # The data and the length of the file suffice; its time of change need not be on the disk.
 _sync = getattr(os, "fdatasync", os.fsync)
-
-
-def _framed(payload: bytes) -> bytes:
-    words = _HEAD.pack(len(payload), zlib.crc32(payload), 0)[:8]
-    return words + struct.pack("<I", zlib.crc32(words)) + payload
 
 
 class Journal:
@@ -94,7 +88,7 @@ class Journal:
         StorageError
             The file could not be written.
         """
-        write_whole(path, MAGIC + _framed(msgspec.msgpack.encode(header)))
+        write_whole(path, MAGIC + framed(msgspec.msgpack.encode(header)))
         return cls(path, sync=sync)
 
     def _open(self) -> None:
@@ -115,19 +109,20 @@ class Journal:
     def _next(self) -> bytes | None:
         """Read the record at `_end` and move on; None when the file ends here, whole or torn."""
         self._file.seek(self._end)
-        head = self._file.read(_HEAD.size)
-        if len(head) < _HEAD.size or not any(head):
+        head = self._file.read(HEAD.size)
+        if len(head) < HEAD.size or not any(head):
             self._allow_tail(head)
             return None
-        length, checksum, head_checksum = _HEAD.unpack(head)
-        if zlib.crc32(head[:8]) != head_checksum:
+        found = whole_head(head)
+        if found is None:
             raise self._damaged(self._end)
+        length, checksum = found
         payload = self._file.read(length)
         if len(payload) < length or (zlib.crc32(payload) != checksum and not self._file.read(1)):
             return None
         if zlib.crc32(payload) != checksum:
             raise self._damaged(self._end)
-        self._end += _HEAD.size + length
+        self._end += HEAD.size + length
         return payload
 
     def _allow_tail(self, head: bytes) -> None:
@@ -135,7 +130,7 @@ class Journal:
         rest = head
         while rest:
             if any(rest):
-                if len(head) == _HEAD.size:
+                if len(head) == HEAD.size:
                     raise self._damaged(self._end)
                 return
             rest = self._file.read(1 << 20)
@@ -170,7 +165,7 @@ class Journal:
         """
         if request.shot in self._places:
             raise ValueError(f"shot {request.shot} is in the journal already")
-        record = _framed(to_bytes(request, shot, self._known(shot.played)))
+        record = framed(to_bytes(request, shot, self._known(shot.played)))
         place = self._end
         try:
             self._file.seek(place)
@@ -214,7 +209,7 @@ class Journal:
     def _at(self, place: int) -> tuple[WindowRequest, Shot]:
         try:
             self._file.seek(place)
-            length, checksum, _ = _HEAD.unpack(self._file.read(_HEAD.size))
+            length, checksum, _ = HEAD.unpack(self._file.read(HEAD.size))
             record = self._file.read(length)
         except (OSError, struct.error) as error:
             raise self._damaged(place) from error

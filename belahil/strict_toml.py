@@ -7,7 +7,7 @@ into the tree, and every refusal is a `ConfigError` that begins with the name of
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
@@ -116,11 +116,14 @@ def numbers(table: Strict, where: str = "") -> list[tuple[str, tuple[float, ...]
     return found
 
 
-def as_text(tree: Strict) -> str:
-    """Write every key that has a value; `parse` and `typed` give the same tree back."""
+def as_text(tree: Strict, without: Iterable[str] = ()) -> str:
+    """Write every key that has a value, but tables `without`; `parse` and `typed` give the same tree back."""
     import tomli_w
 
-    return tomli_w.dumps(_without_none(msgspec.to_builtins(tree)))
+    tables = _without_none(msgspec.to_builtins(tree))
+    for table in without:
+        del tables[table]
+    return tomli_w.dumps(tables)
 
 
 def _without_none(value: Any) -> Any:

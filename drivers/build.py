@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from belahil.bench import Bench, setting_per_cut_volt
 from belahil.errors import InstrumentError, LimitExceeded
@@ -14,7 +14,7 @@ from belahil.receiver import receiver_preset
 if TYPE_CHECKING:
     from belahil.bench import Endpoints
     from belahil.config import BenchConfig
-    from belahil.interfaces import Digitizer
+    from belahil.interfaces import Digitizer, Link
     from drivers.generators.verified import VerifiedGenerator
     from drivers.oscilloscopes.scope import ScopeDigitizer
 
@@ -46,7 +46,7 @@ def bench(config: BenchConfig, endpoints: Endpoints) -> Bench:
         opened.callback(generator.close)
         digitizer = open_digitizer(config, endpoints)
         opened.callback(digitizer.close)
-        made = Bench(generator, digitizer, config, endpoints.clock)
+        made = Bench(generator, digitizer, config, endpoints.clock, endpoints.links)
         opened.pop_all()
         return made
 
@@ -62,11 +62,11 @@ def open_generator(config: BenchConfig, endpoints: Endpoints) -> VerifiedGenerat
     from drivers.generators.families import dialect_of
     from drivers.generators.verified import VerifiedGenerator
     from drivers.scpi import ScpiSession
-    from drivers.visa_link import VisaLink
 
     part = config.generator
     address = endpoints.visa_address or part.address
-    link = VisaLink(address, endpoints.visa_library or part.visa_library)
+    library = endpoints.visa_library or part.visa_library
+    link, _ = endpoints.links.opened("generator", lambda: _visa_link(address, library))
     with ExitStack() as opened:
         opened.callback(link.close)
         session = ScpiSession(link, endpoints.clock, address)
@@ -94,23 +94,33 @@ def _family_at(identity: str, driver: str) -> str:
     return driver
 
 
+def _visa_link(address: str, library: Any) -> tuple[Link, str]:
+    from drivers.visa_link import VisaLink
+
+    return VisaLink(address, library), "lines"
+
+
 def open_digitizer(config: BenchConfig, endpoints: Endpoints) -> Digitizer:
     """Open the receiver, or the oscilloscope at its output."""
     if config.digitizer.driver in SCOPES:
         return open_scope(config, endpoints)
     from drivers.grm import GrmDigitizer
+
+    link, framing = endpoints.links.opened("digitizer", lambda: _grm_link(config, endpoints))
+    return GrmDigitizer(link, endpoints.clock, "raw" if framing == "raw" else "cobs")
+
+
+def _grm_link(config: BenchConfig, endpoints: Endpoints) -> tuple[Link, str]:
     from drivers.links_grm import open_link
     from drivers.serial_link import open_serial
     from drivers.usb_link import open_usb
 
     if endpoints.serial_url:
-        return GrmDigitizer(open_serial(endpoints.serial_url), endpoints.clock, "cobs")
+        return open_serial(endpoints.serial_url), "cobs"
     if endpoints.usb_backend is not None:
         vendor, product = endpoints.usb_id
-        device = open_usb(vendor, product, backend=endpoints.usb_backend)
-        return GrmDigitizer(device, endpoints.clock, "raw")
-    link, framing = open_link(config.digitizer.link)
-    return GrmDigitizer(link, endpoints.clock, framing)
+        return open_usb(vendor, product, backend=endpoints.usb_backend), "raw"
+    return open_link(config.digitizer.link)
 
 
 def open_scope(config: BenchConfig, endpoints: Endpoints) -> ScopeDigitizer:
@@ -124,12 +134,12 @@ def open_scope(config: BenchConfig, endpoints: Endpoints) -> ScopeDigitizer:
     from drivers.oscilloscopes.families import DIALECTS
     from drivers.oscilloscopes.scope import ScopeDigitizer
     from drivers.scpi import ScpiSession
-    from drivers.visa_link import VisaLink
 
     part = config.digitizer
     preset = receiver_preset(part.receiver)
     address = endpoints.visa_scope_address or part.link.removeprefix("visa:")
-    link = VisaLink(address, endpoints.visa_library or config.generator.visa_library)
+    library = endpoints.visa_library or config.generator.visa_library
+    link, _ = endpoints.links.opened("digitizer", lambda: _visa_link(address, library))
     with ExitStack() as opened:
         opened.callback(link.close)
         scope = ScopeDigitizer(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from belahil.bench import Bench, Endpoints
 from belahil.config import BenchConfig, BenchTable, DigitizerTable, EmulationTable
 from belahil.errors import InstrumentError, LinkClosed
+from belahil.recording import Recorder
 from belahil.stimuli import NoSignal, SampledPulse, Sine
 from belahil.values import WindowRequest
 from drivers.build import bench
@@ -23,6 +25,8 @@ from sim.transports.usb_backend import EmulatedUsb
 from sim.transports.visa_library import EmulatedVisa
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from belahil.stimuli import Stimulus
     from belahil.values import Shot
     from sim.faults import FaultPlan
@@ -59,7 +63,7 @@ class FaultyBench:
         self._config = config
         self._plan = plan
 
-    def open(self) -> Bench:
+    def open(self, record: Path | None = None) -> Bench:
         clock = self.plant.clock
         framing = "cobs" if self._config.digitizer.link.endswith("serial") else "raw"
         line = FaultyLine(GrmDevice(self.plant, framing, clock), framing, self._plan)
@@ -69,7 +73,14 @@ class FaultyBench:
         else:
             usb = EmulatedUsb(line, clock)
             ends = Endpoints(visa, VISA_ADDRESS, usb_backend=usb, usb_id=usb.usb_id, clock=clock)
-        return bench(self._config, ends)
+        if record is None:
+            return bench(self._config, ends)
+        recorder = Recorder(record, self._config, clock)
+        try:
+            return bench(self._config, replace(ends, clock=recorder.clock, links=recorder))
+        except InstrumentError:
+            recorder.close()
+            raise
 
     def measured(self) -> list[Shot | InstrumentError]:
         """Run the script and close; a shot that failed is its error, and a closed link ends the script."""

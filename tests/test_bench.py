@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from belahil.bench import LEFT_ON, Bench
+from belahil.bench import Bench
 from belahil.config import BenchConfig, BenchTable, DigitizerTable, GeneratorTable
 from belahil.errors import (
     InstrumentError,
@@ -22,6 +22,7 @@ from belahil.errors import (
 )
 from belahil.generators import MODELS, GeneratorModel, on_grid
 from belahil.interfaces import LinkCounts
+from belahil.link_source import LEFT_ON
 from belahil.receiver import BELA_GRM, DigitizerSpec
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus
 from belahil.values import RangeWindow, WindowRequest

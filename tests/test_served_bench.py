@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from belahil.bench import open_bench
-from belahil.config import EmulationTable, load_bench, parse_bench
+from belahil.config import BenchConfig, EmulationTable, load_bench, parse_bench
 from belahil.errors import LinkClosed
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus
 from belahil.values import Shot, WindowRequest
@@ -77,8 +77,9 @@ def _served(path: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
             process.kill()
 
 
-def _measured(bench_file: str) -> list[Shot]:
-    with open_bench(parse_bench(bench_file)) as bench:
+def _measured(bench_file: str | BenchConfig, record: Path | None = None) -> list[Shot]:
+    config = parse_bench(bench_file) if isinstance(bench_file, str) else bench_file
+    with open_bench(config, record=record) as bench:
         return [
             bench.measure(stimulus, WindowRequest(10 * index + code, code, delay_s=1e-7))
             for index, stimulus in enumerate(STIMULI)
@@ -102,8 +103,8 @@ def test_devices_in_another_process_give_the_counts_of_those_in_this_one(tmp_pat
     with _served(path) as (process, (address, *links)):
         assert len(links) == (1 if sys.platform == "win32" else 2)
         # when its devices are measured over TCP, and then over a pseudo-terminal
-        for link in links:
-            shots = _measured(_without_truth(address, link))
+        for number, link in enumerate(links):
+            shots = _measured(_without_truth(address, link), tmp_path / f"{number}.rec")
             # then every window is equal to that of the bench in this process
             for shot, expected in zip(shots, reference, strict=True):
                 assert shot.window.equals(expected.window)
@@ -113,6 +114,12 @@ def test_devices_in_another_process_give_the_counts_of_those_in_this_one(tmp_pat
         assert process.stdout is not None
         assert process.stdout.read() == "stopped\n"
         assert process.wait(10) == 0
+    # and with the server gone a recording of each transport gives the same
+    for number in range(len(links)):
+        again = _measured(load_bench(f"replay:{tmp_path / f'{number}.rec'}"))
+        for shot, expected in zip(again, reference, strict=True):
+            assert shot.window.equals(expected.window)
+            assert shot.played == expected.played
 
 
 # pyserial leaves a socket to the garbage collector when the other end closed it first.

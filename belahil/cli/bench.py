@@ -48,8 +48,8 @@ def new(file: Path, driver: str, address: str, link: str | None, receiver: str) 
 
 
 @command.command("show", short_help="List drivers, receivers and links, or say what a bench is.")
-@click.argument("file", required=False, metavar="[FILE|emulated|simulated]")
-@click.option("--bench", metavar="FILE|emulated|simulated", help="The same as FILE.")
+@click.argument("file", required=False, metavar="[FILE|emulated|simulated|replay:FILE]")
+@click.option("--bench", metavar="FILE|emulated|simulated|replay:FILE", help="The same as FILE.")
 def show(file: str | None, bench: str | None) -> int:
     """List drivers, models with their limits, receivers and links; with FILE, say what that bench is."""
     from belahil.cli.bench_shown import catalogue, described
@@ -61,8 +61,8 @@ def show(file: str | None, bench: str | None) -> int:
 
 
 @command.command("check", short_help="Do the instruments answer?")
-@click.argument("file", required=False, metavar="[FILE|emulated|simulated]")
-@click.option("--bench", metavar="FILE|emulated|simulated", help="The same as FILE.")
+@click.argument("file", required=False, metavar="[FILE|emulated|simulated|replay:FILE]")
+@click.option("--bench", metavar="FILE|emulated|simulated|replay:FILE", help="The same as FILE.")
 @click.option("--address", help="Generator, in place of the bench file's.")
 @click.option("--link", help="Digitizer, in place of the bench file's.")
 @click.option(

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from belahil.cli.replaying import recorded_session
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -22,6 +24,7 @@ def conditions(run: Run) -> dict[str, str]:
         "windows": str(len(run.shots())),
         "options": "; ".join(f"{key}: {_told(value)}" for key, value in run.begun.options.items()),
         "command": run.begun.command,
+        **({"replay of": str(session)} if (session := recorded_session(run.config)) else {}),
         **({"recorded windows": Path(run.begun.recorded).name} if run.begun.recorded else {}),
         "between generator and cut": f"load setting {generator.load_ohm:g} ohm, attenuation "
         f"{generator.attenuation_db:g} dB, input resistance of the receiver {digitizer.input_ohm:g} ohm",
@@ -43,9 +46,9 @@ def _told(value: object) -> str:
 def not_modelled(run: Run) -> list[str]:
     """What our own emulation leaves out, in the words of each part of it that is loaded.
 
-    Nothing where real addresses answered: what stands behind them is not known here.
+    Nothing where real addresses or a recording answered: what stands behind them is not known here.
     """
-    return [] if "hardware" in (run.config.source, run.begun.source) else left_out()
+    return [] if {"hardware", "replay"} & {run.config.source, run.begun.source} else left_out()
 
 
 def left_out() -> list[str]:

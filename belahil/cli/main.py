@@ -14,7 +14,7 @@ import click
 
 from belahil.cli.options import version_option
 from belahil.cli.signals import Interrupted, watched
-from belahil.errors import BelahilError
+from belahil.errors import BelahilError, ReplayDiffers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,7 +105,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (Interrupted, click.Abort) as error:
         return _said("; ".join(["interrupted", *getattr(error, "__notes__", [])]), INTERRUPTED)
     except BelahilError as error:
-        return _said("; ".join([str(error), *getattr(error, "__notes__", [])]), error.exit_status)
+        _said("; ".join([str(error), *getattr(error, "__notes__", [])]), error.exit_status)
+        if isinstance(error, ReplayDiffers):
+            print(*error.excerpt, sep="\n", file=sys.stderr)
+        return error.exit_status
     except BrokenPipeError:
         # Whoever read our output has gone; Python must not try to flush it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from belahil.cli import signals
+from belahil.cli import replaying, signals
 from belahil.cli.progress import shown
 from belahil.errors import BelahilError, RefusedInput
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from belahil.bench import Bench
     from belahil.cli.options import Common
+    from belahil.recording import RecordedSession
     from belahil.run import Run
 
 
@@ -107,33 +108,52 @@ def _not_passed(folder: Path) -> list[str]:
 
 def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[dict[str, Any], Path]:
     from belahil.bench import open_bench
-    from belahil.run import Run
+    from belahil.config import load_bench
     from belahil.run_folder import refuse_used
 
     folder = given.out or dated(job.procedure)
     refuse_used(folder)
+    replaying.check_record(given.record, folder)
     procedure = _module(job)
-    options = _options(procedure, job, chosen)
+    config = load_bench(given.bench or "emulated")
+    session = replaying.recorded_session(config)
+    options = _options(procedure, job, replaying.filled(session, job.procedure, chosen))
+    differs = replaying.differing(session, job.procedure, asdict(options))
     with ExitStack() as stack:
-        with signals.closing(open_bench(given.bench or "emulated", seed=given.seed)) as bench:
+        stack.enter_context(replaying.compared(session, differs, given))
+        with signals.closing(open_bench(config, seed=given.seed, record=given.record)) as bench:
             plan = procedure.plan(bench, options)
-            run = Run.create(
-                folder,
-                job.procedure,
-                bench.config,
-                asdict(options),
-                None if bench.source == "hardware" else bench.config.emulation.seed,
-                plan=plan.as_json(),
-                instruments=bench.identities,
-                source=_source(bench),
-                digitizer=bench.spec,
-            )
-            stack.enter_context(run)
+            bench.links.note("run", {"procedure": job.procedure, "options": asdict(options)})
+            run = stack.enter_context(_begun(job, folder, bench, plan, options, session))
             stack.enter_context(_noted(run))
+            if given.record is not None:
+                run.log(f"recorded in {given.record}")
             if given.out is None and not given.json:
                 print(f"run folder: {folder}", flush=True)
             _measure(procedure, bench, run, plan, given)
         return _finish(procedure, job, run, plan, given), folder
+
+
+def _begun(
+    job: Job, folder: Path, bench: Bench, plan: Any, options: Any, session: RecordedSession | None
+) -> Run:
+    from belahil.run import Run
+
+    seed = None if bench.source == "hardware" else bench.config.emulation.seed
+    run = Run.create(
+        folder,
+        job.procedure,
+        bench.config,
+        asdict(options),
+        session.seed if session else seed,
+        plan=plan.as_json(),
+        instruments=bench.identities,
+        source=_source(bench),
+        digitizer=bench.spec,
+    )
+    if session is not None:
+        run.log(f"replay of {session}")
+    return run
 
 
 def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], Path]:
@@ -153,6 +173,11 @@ def _measure_on(job: Job, given: Common, folder: Path) -> tuple[dict[str, Any], 
         with _noted(run):
             if run.begun.recorded:
                 return _finish_taken(procedure, job, given, run), folder
+            if run.config.source == "replay":
+                raise RefusedInput(
+                    f"--resume {folder}: is a replay, which has to begin with its recording; "
+                    f"use --bench {run.config.generator.address} with another --out"
+                )
             with signals.closing(open_bench(run.config)) as bench:
                 plan = procedure.plan(bench, _options(procedure, job, run.begun.options))
                 run.confirm(plan.as_json(), bench.identities)
@@ -169,6 +194,8 @@ def _take(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path) -> 
 
     if given.seed is not None:
         raise RefusedInput(f"--seed {given.seed}: recorded windows have no seed; leave it out")
+    if given.record is not None:
+        raise RefusedInput(f"--record {given.record}: windows of a file cross no link; leave it out")
     folder = given.out or dated(job.procedure)
     refuse_used(folder)
     recorded = read_windows(windows)
@@ -241,7 +268,12 @@ def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -
     begun = time.monotonic()
     try:
         with signals.deferred(), shown(given.quiet, kept=len(run.shots())) as progress:
-            procedure.measure(bench, run, plan, progress)
+
+            def kept(done: int, of: int) -> None:
+                bench.links.check()
+                progress(done, of)
+
+            procedure.measure(bench, run, plan, kept)
     finally:
         dropped = bench.link_counts
         if dropped.damaged or dropped.stale:
@@ -292,15 +324,14 @@ def _noted(run: Run) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        kept = (
-            f"{len(run.shots())} shots are kept; "
-            f"continue with: belahil {run.begun.procedure} --resume {run.folder}"
-        )
+        kept = f"{len(run.shots())} shots are kept"
+        if run.config.source != "replay":
+            kept += f"; continue with: belahil {run.begun.procedure} --resume {run.folder}"
         if isinstance(error, signals.Interrupted):
             run.log("interrupted")
             error.add_note(kept)
         elif isinstance(error, BelahilError):
-            run.log(f"stopped: {error}")
+            run.log("\n".join([f"stopped: {error}", *getattr(error, "excerpt", ())]))
             error.add_note(kept)
         else:
             run.log("internal error\n" + traceback.format_exc())

@@ -19,7 +19,7 @@ class Common:
 
     Parameters
     ----------
-    bench, seed, out, resume
+    bench, seed, out, resume, record
         None where the user said nothing.
     quiet, json : bool
         Say less; print ``summary.json``.
@@ -31,6 +31,7 @@ class Common:
     resume: Path | None
     quiet: bool
     json: bool
+    record: Path | None = None
 
 
 def _tell_version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -51,17 +52,15 @@ version_option = click.option(
 )
 
 
-def _refuse_record(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
-    if value is not None:
-        raise click.UsageError(f"--record {value}: this version cannot record links; leave it out")
-
-
 def common_options(function: F) -> F:
     """Add ``--bench --out --resume --seed --record --quiet --json --version`` to a command."""
     for option in reversed(
         (
             click.option(
-                "--bench", metavar="FILE|emulated|simulated", help="The bench; emulated when left out."
+                "--bench",
+                metavar="FILE|emulated|simulated|replay:FILE",
+                help="The bench; emulated when left out. With replay:FILE, which --record wrote, options "
+                "left out are the recorded ones.",
             ),
             click.option(
                 "--out",
@@ -80,10 +79,9 @@ def common_options(function: F) -> F:
             ),
             click.option(
                 "--record",
+                type=click.Path(path_type=Path),
                 metavar="FILE",
-                expose_value=False,
-                callback=_refuse_record,
-                help="Record the links; not in this version.",
+                help="Record every byte of the links in this new file, for --bench replay:FILE.",
             ),
             click.option("--quiet", is_flag=True, help="Say nothing but errors."),
             click.option("--json", "as_json", is_flag=True, help="Print summary.json and nothing else."),
@@ -122,7 +120,13 @@ def found_again(place: str | None) -> str | None:
 
 
 def common(
-    bench: str | None, out: Path | None, resume: Path | None, seed: int | None, quiet: bool, as_json: bool
+    bench: str | None,
+    out: Path | None,
+    resume: Path | None,
+    seed: int | None,
+    record: Path | None,
+    quiet: bool,
+    as_json: bool,
 ) -> Common:
     """Check the common options of the command at work against each other and against its own.
 
@@ -139,7 +143,7 @@ def common(
             )
     if seed is not None and seed < 0:
         raise click.UsageError(f"--seed {seed}: must not be negative")
-    return Common(bench, seed, out, resume, quiet, as_json)
+    return Common(bench, seed, out, resume, quiet, as_json, record)
 
 
 def _beside_resume(context: click.Context) -> list[str]:
