@@ -31,7 +31,7 @@ from belahil.frames import HEAD, framed
 from belahil.recording import read_session
 from belahil.recording_file import RecordingReader
 from belahil.replay import Replay
-from belahil.stimuli import Sine
+from belahil.stimuli import SampledPulse, Sine
 from belahil.values import Shot, WindowRequest
 from sim.build import VISA_ADDRESS
 from sim.faults import Fault, FaultPlan
@@ -138,6 +138,22 @@ def test_time_outs_damage_and_repeats_replay_as_they_were(tmp_path: Path, link: 
             live,
             [one if isinstance(one, Shot) else named_as_live(one, path) for one in again],
         )
+
+
+def test_a_bench_with_an_oscilloscope_replays_too(tmp_path: Path) -> None:
+    # given a recorded bench whose windows an oscilloscope takes, which is asked until it is ready
+    bench = parse_bench(
+        '[digitizer]\ndriver = "keysight-infiniivision"\nlink = "emulated:visa"\nreceiver = "analog"\n'
+    )
+    request = WindowRequest(3, None, 1000)
+    script = [(SINE, request), (SampledPulse(np.hanning(64) * 0.02, 80e6), replace(request, shot=4))]
+    with open_bench(bench, record=tmp_path / "a.rec") as opened:
+        shots = [opened.measure(*one) for one in script]
+    # when it is replayed, then its windows are the same
+    with open_bench(f"replay:{tmp_path / 'a.rec'}") as opened:
+        assert opened.spec.gain_codes is None
+        for shot, one in zip(shots, script, strict=True):
+            assert opened.measure(*one).window.equals(shot.window)
 
 
 def test_the_clock_tells_in_a_replay_what_it_told(tmp_path: Path) -> None:
