@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from belahil.errors import LimitExceeded
-from belahil.generator_models import GeneratorModel
+from belahil.generator_models import AfterReset, GeneratorModel
 
 # Frequencies, amplitudes and memory as in the vendors' public manuals; amplitude digits, delay grid and
 # the 33600A's sample rate (summaries disagree between 660 MSa/s and 1 GSa/s) are assumed.
@@ -49,14 +51,38 @@ _MODELS_33220 = (
         conflict_code=-222,
     ),
 )
+# The DG1000Z as in its public programming guide where docs/instruments.md says so; the rest is assumed there.
+_MODELS_RIGOL = tuple(
+    GeneratorModel(
+        name,
+        "Rigol Technologies",
+        hz,
+        60e6,
+        14,
+        16_384,
+        vpp_above_hz=((10e6, 5.0), (30e6, 2.5)),
+        max_delay_s=100.0,
+        full_code=8191,
+        interpolations=("linear",),
+        rest_before_on_s=0.1,
+        after_reset=AfterReset(1e3, 5.0, math.inf, 20e6),
+    )
+    for name, hz in (("DG1022Z", 25e6), ("DG1032Z", 30e6), ("DG1062Z", 60e6))
+)
 _BY_FAMILY = {
     "keysight-33500": _MODELS_33500,
     "keysight-33600": _MODELS_33600,
     "agilent-33220": _MODELS_33220,
+    "rigol-dg": _MODELS_RIGOL,
 }
 MODELS = {model.name: model for models in _BY_FAMILY.values() for model in models}
 FAMILIES = {family: tuple(model.name for model in models) for family, models in _BY_FAMILY.items()}
-DEFAULT_MODEL = {"keysight-33500": "33522B", "keysight-33600": "33622A", "agilent-33220": "33220A"}
+DEFAULT_MODEL = {
+    "keysight-33500": "33522B",
+    "keysight-33600": "33622A",
+    "agilent-33220": "33220A",
+    "rigol-dg": "DG1062Z",
+}
 
 
 def family_of(model: GeneratorModel) -> str:

@@ -75,6 +75,8 @@ class GeneratorModel:
         Entries of the error queue.
     conflict_code : int
         Number of the error that tells of settings which do not go together.
+    rest_before_on_s : float
+        How long a setting takes to act; an output that is switched on earlier plays what was set before.
     after_reset : AfterReset
         Settings after ``*RST``.
     """
@@ -102,6 +104,7 @@ class GeneratorModel:
     vpp_above_hz: tuple[tuple[float, float], ...] = ()
     error_queue_depth: int = 20
     conflict_code: int = -221
+    rest_before_on_s: float = 0.0
     after_reset: AfterReset = AfterReset()
 
     def start_step_s(self, rate_hz: float) -> float:

@@ -159,6 +159,11 @@ class ScpiSession:
         self._in_step = False
         self._get_in_step()
 
+    def pause(self, duration_s: float) -> None:
+        """Let the instrument do what it was told."""
+        if duration_s > 0:
+            self._clock.sleep_s(duration_s)
+
     def close(self) -> None:
         """Let go of the link."""
         self._link.close()

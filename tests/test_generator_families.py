@@ -184,7 +184,8 @@ def test_what_is_played_is_what_the_setting_says(
         # then the instrument plays exactly that, at the first try
         assert stimulus_of(bench.port.setting) == stimulus_of(wanted)
         assert played == on_grid(stimulus, bench.model, load_ohm, trigger)
-        assert bench.clock.now_s() == 0
+        if not bench.model.rest_before_on_s:
+            assert bench.clock.now_s() == 0
         if isinstance(stimulus, SampledPulse) and trigger == "generator":
             bench.driver.trigger()
             assert bench.port.triggers == 1
@@ -298,3 +299,76 @@ def test_the_33220a_adjusts_and_tells(command: str, query: str, becomes: float, 
     assert float(_asked(device, query)) == pytest.approx(becomes, rel=1e-12)
     assert int(_asked(device, "SYST:ERR?").split(",")[0]) == error
     assert _asked(device, "SYST:ERR?") == '+0,"No error"'
+
+
+# ---- the Rigol DG1000Z
+
+
+def test_the_dg1062z_is_set_from_its_defaults_to_what_is_asked() -> None:
+    # given an instrument as a reset leaves it: high impedance, 5 Vpp
+    device = generator_device(MODELS["DG1062Z"], Port())
+    assert (
+        _asked(device, ":OUTP1:LOAD?;:SOUR1:VOLT?;:SOUR1:FREQ?") == "9.900000E+37;5.000000E+00;1.000000E+03"
+    )
+    device.write(b":OUTP1:LOAD 50\n")
+    assert _asked(device, "SOUR1:VOLT?") == "2.500000E+00"
+    # when a driver for 50 ohm plays a pulse
+    bench = Bench("DG1062Z")
+    bench.driver.prepare(SampledPulse(np.array([0.0, 0.1, 0.2, 0.0]), 60e6, 1e-6), "generator")
+    bench.driver.output(True)
+    # then load, mode, rate, delay and trigger are what it asked for
+    assert _asked(bench.device, ":OUTP1?;:OUTP1:LOAD?") == "ON;5.000000E+01"
+    assert _asked(bench.device, ":SOUR1:FUNC?;:SOUR1:FUNC:ARB:MODE?;SRAT?") == "USER;SRAT;6.000000E+07"
+    assert _asked(bench.device, ":SOUR1:BURS:TRIG:SOUR?;TRIGO?;:SOUR1:BURS:TDEL?") == "MAN;POS;1.000000E-06"
+    assert bench.port.setting.arb is not None
+    assert bench.port.setting.arb.codes.tolist() == [0, 4096, 8191, 0, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("command", "query", "becomes", "error"),
+    [
+        ("FREQ 70 MHZ", "FREQ?", 60e6, -222),
+        ("OUTP1:LOAD 50;:SOUR1:VOLT 1 MV;VOLT 0.1 MV", "VOLT?", 1e-3, -222),
+        ("FREQ 20E6;:SOUR1:VOLT 20", "VOLT?", 10.0, -222),
+        ("VOLT 20;:SOUR1:FREQ 40E6", "VOLT?", 5.0, -221),
+        ("FREQ 60E6;:SOUR1:FUNC RAMP", "FREQ?", 1e6, -221),
+        ("FUNC SINE", "FREQ?", 1e3, -224),
+        ("TRIG1:DEL 1E-6", "FREQ?", 1e3, -113),
+        ("SOUR3:FREQ 1", "FREQ?", 1e3, -114),
+        ("DATA:DAC VOLATILE,#13abc", "FREQ?", 1e3, -161),
+        ("DATA:DAC VOLATILE,1,2,3", "DATA:POIN? VOLATILE", 8192, -222),
+    ],
+)
+def test_the_dg1062z_adjusts_and_tells(command: str, query: str, becomes: float, error: int) -> None:
+    device = generator_device(MODELS["DG1062Z"], Port())
+    device.write(command.encode() + b"\n")
+    assert float(_asked(device, query)) == pytest.approx(becomes, rel=1e-6)
+    assert int(_asked(device, "SYST:ERR?").split(",")[0]) == error
+    assert _asked(device, "SYST:ERR?") == '0,"No error"'
+
+
+def test_the_dg1062z_makes_8192_points_of_fewer_unless_the_rate_plays_them() -> None:
+    device = generator_device(MODELS["DG1062Z"], Port())
+    device.write(b"DATA:DAC VOLATILE," + b",".join(b"%d" % (1000 * one) for one in range(10)) + b"\n")
+    assert _asked(device, "DATA:POIN? VOLATILE;:FUNC:ARB:MODE?;:FUNC?") == "8192;FREQ;USER"
+    assert _asked(device, "DATA:VAL? VOLATILE,8192") == "9000"
+    device.write(b"FUNC:ARB:MODE SRAT;:DATA:DAC VOLATILE," + b",".join([b"8192"] * 10) + b"\n")
+    assert _asked(device, "DATA:POIN? VOLATILE;:DATA:LOAD? VOLATILE") == "10;1"
+    # and packages of DAC16 are one waveform, played by its rate
+    device.write(b"FUNC:ARB:MODE FREQ\n")
+    device.write(b"TRAC:DATA:DAC16 VOLATILE,CON,#216" + b"\x00\x20" * 8 + b"\n")
+    device.write(b"TRAC:DATA:DAC16 VOLATILE,END,#216" + b"\xff\x3f" * 8 + b"\n")
+    assert _asked(device, "DATA:POIN? VOLATILE;:FUNC:ARB:MODE?;:DATA:VAL? VOLATILE,16") == "16;SRAT;16383"
+
+
+def test_a_sine_of_the_dg1062z_is_smaller_the_faster_it_is() -> None:
+    model = MODELS["DG1062Z"]
+    assert [model.max_vpp_at(hertz) for hertz in (10e6, 11e6, 31e6)] == [10.0, 5.0, 2.5]
+    with pytest.raises(LimitExceeded, match=r"DG1062Z makes at most 2\.5 Vpp there into 50 ohm"):
+        on_grid(Sine(40e6, 3.0), model)
+    # and going up and down in frequency never asks for too much on the way
+    bench = Bench("DG1062Z")
+    for sine in (Sine(1e6, 9.0), Sine(40e6, 2.0), Sine(1e6, 9.0), Sine(20e6, 4.0), Sine(2e6, 0.1, 1.0)):
+        bench.driver.prepare(sine, "immediate")
+        assert bench.clock.now_s() == 0
+        assert _asked(bench.device, "SYST:ERR?") == '0,"No error"'

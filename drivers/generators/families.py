@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivers.generators.agilent_33220 import Agilent33220Dialect
 from drivers.generators.keysight import KeysightDialect
+from drivers.generators.rigol_dg import RigolDgDialect
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,6 +17,7 @@ _DIALECTS: dict[str, Callable[[], Dialect]] = {
     "keysight-33500": KeysightDialect,
     "keysight-33600": KeysightDialect,
     "agilent-33220": Agilent33220Dialect,
+    "rigol-dg": RigolDgDialect,
 }
 
 

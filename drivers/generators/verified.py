@@ -140,6 +140,8 @@ class VerifiedGenerator:
 
     def _apply(self, wanted: GeneratorSetting) -> None:
         before, self._verified = self._verified, None
+        if wanted.output and not (before and before.output):
+            self._session.pause(self._model.rest_before_on_s)
         try:
             self._set(before, wanted)
         except LinkClosed:

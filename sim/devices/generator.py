@@ -22,6 +22,7 @@ from sim.devices.generator_channel import Channel
 from sim.devices.generator_commands import (
     LEVEL,
     ChannelCommands,
+    add_apply_commands,
     add_keysight_commands,
     add_level_commands,
     add_limit_commands,
@@ -120,6 +121,7 @@ class GeneratorDevice(EmulatedGenerator):
     def _add_commands(self) -> None:
         commands = ChannelCommands(self.tree, self._choose)
         add_shape_commands(commands)
+        add_apply_commands(commands)
         add_keysight_commands(commands)
         add_level_commands(commands)
         add_limit_commands(commands, "[SOURce#:]VOLTage:LIMit")

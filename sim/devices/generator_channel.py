@@ -102,7 +102,14 @@ class Levels:
     def most_vpp(self) -> float:
         """Largest amplitude beside the present offset."""
         low, high = self.window_v
-        return max(2 * min(high - self.offset_v, self.offset_v - low), self.least_vpp)
+        most = min(2 * min(high - self.offset_v, self.offset_v - low), self._most_vpp_here)
+        return max(most, self.least_vpp)
+
+    @property
+    def _most_vpp_here(self) -> float:
+        """Largest amplitude at the present frequency, which matters to sines alone (assumed)."""
+        frequency_hz = self.frequency_hz if self.function == "SIN" else 0.0
+        return self.model.max_vpp_at(frequency_hz) * per_50_ohm(self.load_ohm)
 
     @property
     def offset_span_v(self) -> tuple[float, float]:
@@ -124,6 +131,13 @@ class Levels:
         """Round to the frequency grid and clamp."""
         clamped = clamp(hertz, self.model.min_sine_hz, self.most_hz, self.report)
         self.frequency_hz = round_to_step(clamped, self.model.frequency_step_hz)
+        self._fit_amplitude()
+
+    def _fit_amplitude(self) -> None:
+        """Reduce an amplitude that the present frequency does not allow, with an error."""
+        if self.amplitude_vpp > self._most_vpp_here * (1 + LIMIT_SLACK):
+            self.amplitude_vpp = self._most_vpp_here
+            self.report(ScpiError(self.model.conflict_code, "amplitude reduced for the new frequency"))
 
     def set_function(self, name: str) -> None:
         """Choose a shape; what the new one cannot do is reduced, with -221."""
@@ -131,6 +145,7 @@ class Levels:
         if self.frequency_hz > self.most_hz:
             self.frequency_hz = self.most_hz
             self.report(ScpiError(self.model.conflict_code, "frequency reduced for the new function"))
+        self._fit_amplitude()
         lowest, highest = self.offset_span_v
         if not lowest - LIMIT_SLACK <= self.offset_v <= highest + LIMIT_SLACK:
             self.offset_v = min(max(self.offset_v, lowest), highest)

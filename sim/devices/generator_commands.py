@@ -20,7 +20,7 @@ from sim.devices.scpi.numeric import (
 )
 from sim.devices.scpi.parameters import Choices, read_boolean, read_limit, read_name, read_within
 from sim.devices.scpi.parser import Token
-from sim.devices.scpi.tree import Action, Call, HeaderTree
+from sim.devices.scpi.tree import Action, Call, HeaderTree, forms
 
 Tokens = tuple[Token, ...]
 Span = tuple[float, float, float]
@@ -93,8 +93,10 @@ class ChannelCommands(Generic[C]):
         self.add(header, set_it, get_it, asks=1)
 
 
-def add_shape_commands(commands: ChannelCommands[C], shapes: tuple[str, ...] = SHAPES) -> None:
-    """Add shape, frequency, and what sets all at once; `shapes` are written like ``SINusoid``."""
+def add_shape_commands(
+    commands: ChannelCommands[C], shapes: tuple[str, ...] = SHAPES, frequency: str = "FREQuency[:CW]"
+) -> None:
+    """Add shape and frequency, whose header is `frequency`; `shapes` are written like ``SINusoid``."""
     choices = Choices(*shapes)
     commands.add(
         "[SOURce#:]FUNCtion[:SHAPe]",
@@ -102,15 +104,18 @@ def add_shape_commands(commands: ChannelCommands[C], shapes: tuple[str, ...] = S
         lambda channel, _: channel.function,
     )
     commands.add_number(
-        "[SOURce#:]FREQuency[:CW]",
+        f"[SOURce#:]{frequency}",
         HERTZ,
         lambda channel: (channel.model.min_sine_hz, channel.most_hz, _first_hz(channel)),
         lambda channel: channel.frequency_hz,
         Levels.set_frequency,
     )
+
+
+def add_apply_commands(commands: ChannelCommands[C], shapes: tuple[str, ...] = SHAPES) -> None:
+    """Add what sets shape, frequency and voltages at once, and plays them."""
     for shape in shapes:
-        word = choices.read(Token("character", shape))
-        commands.add(f"[SOURce#:]APPLy:{shape}", _apply(word), takes=(0, 3))
+        commands.add(f"[SOURce#:]APPLy:{shape}", _apply(forms(shape)[0]), takes=(0, 3))
     commands.add("[SOURce#:]APPLy", query=_applied(commands.answer))
 
 
@@ -150,26 +155,31 @@ def _set_both_edges(channel: Channel, tokens: Tokens) -> None:
 
 def _apply(shape: str) -> Callable[[Levels, Tokens], None]:
     """Return the command that chooses a shape, its frequency or rate, amplitude and offset, and plays it."""
-    default = Token("character", "DEF")
 
     def apply(channel: Levels, tokens: Tokens) -> None:
-        first, amplitude, offset = (*tokens, default, default, default)[:3]
-        channel.frequency_hz, channel.offset_v = _first_hz(channel), 0.0
-        channel.set_function(shape)
-        if channel.plays_by_rate:
-            most, usual = channel.model.max_arb_rate_hz, channel.model.after_reset.sample_rate_hz
-            channel.arb_rate_hz = read_within(first, SAMPLES_PER_SECOND, 1e-6, most, usual, channel.report)
-        else:
-            least = channel.model.min_sine_hz
-            channel.set_frequency(
-                read_within(first, HERTZ, least, channel.most_hz, _first_hz(channel), channel.report)
-            )
-        _set_amplitude(channel, (amplitude,))
-        channel.set_offset(read_within(offset, VOLT, *channel.offset_span_v, 0.0, channel.report))
+        apply_levels(channel, tokens, shape)
         channel.trigger_source, channel.burst, channel.autorange = "IMM", False, "ON"
         channel.output = True
 
     return apply
+
+
+def apply_levels(channel: Levels, tokens: Tokens, shape: str) -> None:
+    """Set shape, frequency or rate, amplitude and offset as APPLy does; what is left out is default."""
+    default = Token("character", "DEF")
+    first, amplitude, offset = (*tokens, default, default, default)[:3]
+    channel.frequency_hz, channel.offset_v = _first_hz(channel), 0.0
+    channel.set_function(shape)
+    if channel.plays_by_rate:
+        most, usual = channel.model.max_arb_rate_hz, channel.model.after_reset.sample_rate_hz
+        channel.arb_rate_hz = read_within(first, SAMPLES_PER_SECOND, 1e-6, most, usual, channel.report)
+    else:
+        least = channel.model.min_sine_hz
+        channel.set_frequency(
+            read_within(first, HERTZ, least, channel.most_hz, _first_hz(channel), channel.report)
+        )
+    _set_amplitude(channel, (amplitude,))
+    channel.set_offset(read_within(offset, VOLT, *channel.offset_span_v, 0.0, channel.report))
 
 
 def _applied(answer: Callable[[float], str]) -> Callable[[Levels, Tokens], str]:

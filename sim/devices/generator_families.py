@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from belahil.generators import family_of
 from sim.devices.generator import GeneratorDevice
 from sim.devices.generators.agilent_33220 import Agilent33220
+from sim.devices.generators.rigol_dg import RigolDg
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,6 +20,7 @@ _DEVICES: dict[str, Callable[[GeneratorModel, GeneratorPort], ScpiDevice]] = {
     "keysight-33500": GeneratorDevice,
     "keysight-33600": GeneratorDevice,
     "agilent-33220": Agilent33220,
+    "rigol-dg": RigolDg,
 }
 
 

@@ -81,10 +81,11 @@ class Word(NamedTuple):
 
 
 class Switch(NamedTuple):
-    """On or off."""
+    """On or off; `words` are what a query answers."""
 
     header: str
     field: str
+    words: tuple[str, str] = ("0", "1")
 
     def enter(self, tree: HeaderTree, choose: ChooseAny, answer: Answer = answer_number) -> None:
         """Add command and query to a tree; `choose` finds the channel of a call."""
@@ -93,7 +94,7 @@ class Switch(NamedTuple):
             setattr(choose(call), self.field, read_boolean(call.parameters[0]))
 
         def get_it(call: Call) -> str:
-            return "1" if getattr(choose(call), self.field) else "0"
+            return self.words[bool(getattr(choose(call), self.field))]
 
         tree.add(self.header, Action(set_it, 1, 1), Action(get_it))
 

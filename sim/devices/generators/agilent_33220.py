@@ -18,6 +18,7 @@ from sim.devices.generator_base import EmulatedGenerator, GeneratorPort
 from sim.devices.generator_channel import Levels
 from sim.devices.generator_commands import (
     ChannelCommands,
+    add_apply_commands,
     add_level_commands,
     add_load_command,
     add_period_command,
@@ -146,6 +147,7 @@ class Agilent33220(EmulatedGenerator):
     def _add_commands(self) -> None:
         commands = ChannelCommands(self.tree, self._choose)
         add_shape_commands(commands, SHAPES)
+        add_apply_commands(commands, SHAPES)
         add_period_command(commands, "[SOURce#:]PULSe:PERiod")
         add_level_commands(commands)
         add_load_command(commands, "OUTPut:LOAD")
