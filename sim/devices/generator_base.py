@@ -52,6 +52,8 @@ class EmulatedGenerator(ScpiDevice):
     channels: Sequence[Played]
     shared_fields: tuple[str, ...] = ()
     """Settings of the instrument as a whole, for ``*SAV``."""
+    signed = True
+    """Whether whole numbers and errors are answered with a plus sign."""
 
     def __init__(
         self,
@@ -63,6 +65,8 @@ class EmulatedGenerator(ScpiDevice):
         super().__init__(
             f"{model.manufacturer},{model.name},{serial_number},{firmware}",
             model.channels,
+            queue_depth=model.error_queue_depth,
+            signed=self.signed,
             clock=getattr(port, "clock", None),
         )
         self.model = model

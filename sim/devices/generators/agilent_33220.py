@@ -44,6 +44,19 @@ _SHAPES: dict[str, Function] = {"SIN": "SIN", "USER": "ARB", "DC": "DC"}
 _SOURCES: dict[str, TriggerSource] = {"IMM": "IMM", "EXT": "EXT", "BUS": "BUS"}
 
 
+# Settings of the instrument as a whole.
+_SHARED_SETTINGS: tuple[Word | Switch, ...] = (
+    Switch("OUTPut:SYNC[:STATe]", "sync"),
+    Switch("OUTPut:TRIGger[:STATe]", "trigger_output"),
+    Word("OUTPut:TRIGger:SLOPe", "trigger_output_slope", Choices("POSitive", "NEGative")),
+    Word("FORMat:BORDer", "byte_order", Choices("NORMal", "SWAPped")),
+    Word("UNIT:ANGLe", "angle_unit", Choices("DEGree", "RADian")),
+    Switch("DISPlay[:STATe]", "display_on"),
+    Switch("SYSTem:BEEPer:STATe", "beeper"),
+    Word("SYSTem:COMMunicate:RLSTate", "remote", Choices("LOCal", "REMote", "RWLock")),
+)
+
+
 @dataclass(slots=True)
 class UserChannel(Levels):
     """The one channel; volts are volts into `load_ohm`."""
@@ -112,6 +125,7 @@ class Agilent33220(EmulatedGenerator):
     """
 
     channels: list[UserChannel]
+    shared_fields = tuple(setting.field for setting in _SHARED_SETTINGS)
 
     def __init__(
         self,
@@ -189,16 +203,3 @@ def _channel_settings() -> tuple[Setting, ...]:
         Switch("OUTPut[:STATe]", "output"),
         Word("OUTPut:POLarity", "polarity", sign),
     )
-
-
-# Settings of the instrument as a whole.
-_SHARED_SETTINGS: tuple[Word | Switch, ...] = (
-    Switch("OUTPut:SYNC[:STATe]", "sync"),
-    Switch("OUTPut:TRIGger[:STATe]", "trigger_output"),
-    Word("OUTPut:TRIGger:SLOPe", "trigger_output_slope", Choices("POSitive", "NEGative")),
-    Word("FORMat:BORDer", "byte_order", Choices("NORMal", "SWAPped")),
-    Word("UNIT:ANGLe", "angle_unit", Choices("DEGree", "RADian")),
-    Switch("DISPlay[:STATe]", "display_on"),
-    Switch("SYSTem:BEEPer:STATe", "beeper"),
-    Word("SYSTem:COMMunicate:RLSTate", "remote", Choices("LOCal", "REMote", "RWLock")),
-)

@@ -135,6 +135,8 @@ class RigolDg(EmulatedGenerator):
     """
 
     channels: list[DgChannel]
+    shared_fields = ("beeper",)
+    signed = False
 
     def __init__(
         self,
@@ -180,9 +182,6 @@ class RigolDg(EmulatedGenerator):
         Switch("SYSTem:BEEPer:STATe", "beeper", _ON_OFF).enter(self.tree, lambda call: self)
         self.tree.add("SYSTem:BEEPer[:IMMediate]", Action(lambda call: None))
         self.tree.add("SYSTem:CHANnel:NUMber", query=Action(lambda call: str(self.model.channels)))
-        self.tree.add(
-            "SYSTem:ERRor[:NEXT]", query=Action(lambda call: self.status.next_error().removeprefix("+"))
-        )
 
     def _trigger_one(self, call: Call) -> None:
         """Start the burst of one channel; ignored unless it waits for this (the public guide)."""
