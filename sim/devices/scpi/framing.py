@@ -10,6 +10,8 @@ from sim.devices.scpi.status import ScpiError
 # Stands in the text where a block was.
 BLOCK_MARK = "\x00"
 _SPECIAL = re.compile(rb"[\n#\"'\x00]")
+# One whole message without quotes and blocks: most of them.
+_PLAIN = re.compile(rb"[^\n#\"'\x00]*\n")
 _BEFORE_BLOCK = (b" ", b"\t", b",")
 _UNTIL_END = -1
 
@@ -59,6 +61,8 @@ class Framer:
 
     def feed(self, data: bytes, end: bool) -> list[Message]:
         """Take more of the stream and return the messages that it completes."""
+        if not (self._size or self._head or len(data) > self._capacity) and _PLAIN.fullmatch(data):
+            return [Message(data[:-1].decode("latin-1"))]
         data, self._head = self._head + data, b""
         messages: list[Message] = []
         place = 0
