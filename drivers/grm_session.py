@@ -64,6 +64,7 @@ class GrmSession:
         self._sequence_count = 0
         self._in_step = False
         self._heard = False
+        self._receiver_checks = False
         self._stale = 0
         self._last_stale = 0
         self._at_question = self.counts
@@ -130,7 +131,8 @@ class GrmSession:
 
     def send(self, verb: Verb, request: WindowRequest | None = None) -> int:
         """Send a command and return its request number, under which it will be answered."""
-        command = telecommand(verb, self._sequence_count, request)
+        # A receiver that sends no second checks may never have heard of them.
+        command = telecommand(verb, self._sequence_count, request, checked=self._receiver_checks)
         self._sequence_count = (self._sequence_count + 1) % SEQUENCE_COUNTS
         self._at_question = self.counts
         with self.losing_step():
@@ -174,6 +176,7 @@ class GrmSession:
         data = self._link.read(READ_BYTES, max(0.0, deadline_s - self._clock.now_s()))
         for packet in self._stream.feed(data) if data else self._stream.end():
             self._heard = True
+            self._receiver_checks |= packet.checked
             try:
                 answer = read_answer(packet)
             except CorruptData as error:

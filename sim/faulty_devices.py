@@ -231,9 +231,12 @@ def _forged(older: Telemetry, newer: Telemetry, seed: int) -> Telemetry:
     old, new = read_answer(older), read_answer(newer)
     assert isinstance(old, WindowSegment)
     assert isinstance(new, WindowSegment)
+    moved = replace(old, request_id=new.request_id)
     forged = (
         older,
-        telemetry(replace(old, request_id=new.request_id), newer.sequence_count, newer.time_s),
-        telemetry(replace(old, request_id=new.request_id, shot=new.shot), newer.sequence_count, newer.time_s),
+        *(
+            telemetry(segment, newer.sequence_count, newer.time_s, checked=newer.checked)
+            for segment in (moved, replace(moved, shot=new.shot))
+        ),
     )
     return forged[random.Random(seed).randrange(len(forged))]

@@ -100,6 +100,8 @@ def session() -> dict[str, bytes]:
         "refusal": telemetry(Refusal(refused.request_id, 3, "gain code 16; allowed: 0, 1, 4"), 6),
         "housekeeping command": housekeeping,
         "housekeeping": telemetry(HousekeepingReport(housekeeping.request_id, {"temperature_k": 293.15}), 7),
+        "checked abort": replace(abort, checked=True),
+        "checked acknowledge": telemetry(Acknowledge(abort.request_id), 0, checked=True),
     }
     made = {name: packet.pack() for name, packet in packets.items()}
     for name in ("abort", "acknowledge of abort"):

@@ -91,7 +91,9 @@ class WindowSegment:
 Answer = Acknowledge | Refusal | IdentityReport | SpecReport | HousekeepingReport | WindowSegment
 
 
-def telemetry(answer: Answer, sequence_count: int, time_s: float = 0.0) -> Telemetry:
+def telemetry(
+    answer: Answer, sequence_count: int, time_s: float = 0.0, *, checked: bool = False
+) -> Telemetry:
     """Return the packet of an answer."""
     grouping = UNSEGMENTED
     service = RECEIVER_SERVICE
@@ -111,7 +113,7 @@ def telemetry(answer: Answer, sequence_count: int, time_s: float = 0.0) -> Telem
             data = answer.payload
         case HousekeepingReport(_, values):
             subtype, data = 132, pack_named_values(values)
-    return Telemetry(service, subtype, sequence_count, head + data, grouping, time_s)
+    return Telemetry(service, subtype, sequence_count, head + data, grouping, time_s, checked)
 
 
 def _octets(text: str) -> bytes:

@@ -47,7 +47,9 @@ class Reason(IntEnum):
     OTHER = 10
 
 
-def telecommand(verb: Verb, sequence_count: int, request: WindowRequest | None = None) -> Telecommand:
+def telecommand(
+    verb: Verb, sequence_count: int, request: WindowRequest | None = None, *, checked: bool = False
+) -> Telecommand:
     """Return the packet of a command; `request` goes with ``Verb.ARM`` only.
 
     Raises
@@ -56,7 +58,7 @@ def telecommand(verb: Verb, sequence_count: int, request: WindowRequest | None =
         A value of the request does not fit its field.
     """
     data = b"" if request is None else _arm_data(request)
-    return Telecommand(RECEIVER_SERVICE, verb, sequence_count, data)
+    return Telecommand(RECEIVER_SERVICE, verb, sequence_count, data, checked)
 
 
 def _arm_data(request: WindowRequest) -> bytes:

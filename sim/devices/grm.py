@@ -190,7 +190,7 @@ class GrmDevice:
 
     def _send(self, answer: Answer) -> None:
         time_s = self._clock.now_s() if self._clock else 0.0
-        packet = telemetry(answer, self._sequence_count, time_s)
+        packet = telemetry(answer, self._sequence_count, time_s, checked=True)
         self._sequence_count = (self._sequence_count + 1) % SEQUENCE_COUNTS
         self._ready.append(framed(packet.pack(), self._framing))
 
