@@ -90,6 +90,24 @@ def check(
     return 0
 
 
+@command.command("twin", short_help="Make an emulated bench of what a run measured.")
+@click.argument("run", type=click.Path(path_type=Path), metavar="RUN")
+@click.argument("file", type=click.Path(path_type=Path), default=Path("twin.toml"))
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of the emulation."
+)
+def twin(run: Path, file: Path, seed: int) -> int:
+    """Write a bench FILE (twin.toml) with an emulated receiver like the one that RUN characterized.
+
+    A line for each key says what it is and where it is from; the same lines head the file.
+    """
+    from belahil.cli.bench_twin import written_twin
+
+    for line in written_twin(run, file, seed):
+        print(line)
+    return 0
+
+
 def _one_of(file: str | None, bench: str | None) -> str | None:
     """Return the bench, which may stand as an argument or behind ``--bench``."""
     if file is not None and bench not in (None, file):

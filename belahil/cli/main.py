@@ -36,6 +36,7 @@ COMMANDS = (
     "bench",
     "emulate",
     "report",
+    "compare",
 )
 INTERRUPTED, INTERNAL = 130, 70
 
