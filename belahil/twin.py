@@ -25,13 +25,15 @@ from belahil.config import (
     SmallSignal,
 )
 from belahil.errors import RefusedInput
+from belahil.oscilloscopes import SCOPES, scope_spec
 from belahil.receiver import receiver_preset
 from belahil.uncertainty import by_chance, sized
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from belahil.receiver import DigitizerSpec, ReceiverSpec
+    from belahil.oscilloscopes import SCOPES, scope_spec
+from belahil.receiver import DigitizerSpec, ReceiverSpec
 
 _CLOCK_PPM = 250.0  # what `[emulation.receiver] clock_ppm` allows
 
@@ -85,7 +87,8 @@ def twin_of(
             f"a twin of a run of {summary.get('procedure')}: needed is one of belahil characterize"
         )
     preset = receiver_preset(config.digitizer.receiver)
-    _refuse_other(spec, preset)
+    is_scope = config.digitizer.driver in SCOPES
+    _refuse_other(spec, scope_spec(config.digitizer, preset) if is_scope else preset.digitizer, preset.name)
     results = summary["results"]
     whole = [
         row for row in results["gain_codes"] if row["gain"] and row["cutoff"] and row["order"]["integer"]
@@ -116,8 +119,9 @@ def twin_of(
             told,
         ),
         small_signal=small,
-        adc_full_scale_v=volts_per_count * 2**spec.bits,
-        adc_bits=spec.bits,
+        # An oscilloscope's converter is no part of the receiver: its bench file says it.
+        adc_full_scale_v=None if is_scope else volts_per_count * 2**spec.bits,
+        adc_bits=None if is_scope else spec.bits,
         clock_ppm=_clock_ppm(results["clock_ppm"], told),
         interleave=_interleave(results["interleave"] or {}, told),
         input_ohm=config.digitizer.input_ohm,
@@ -130,22 +134,19 @@ def twin_of(
         config,
         bench=replace(config.bench, settle_s=0.0),
         generator=replace(config.generator, address="emulated", visa_library=""),
-        digitizer=replace(config.digitizer, driver="grm", link="emulated:serial"),
+        digitizer=replace(config.digitizer, link="emulated:visa" if is_scope else "emulated:serial"),
         emulation=emulation,
     )
     return Twin(bench, tuple(told))
 
 
-def _refuse_other(spec: DigitizerSpec, preset: ReceiverSpec) -> None:
-    mine, its = (
-        (one.converters, one.gain_codes, sized(one.sample_rate_hz, "Sa/s", 4))
-        for one in (spec, preset.digitizer)
-    )
-    if mine != its:
+def _refuse_other(spec: DigitizerSpec, its: DigitizerSpec, name: str) -> None:
+    told = [(one.converters, one.gain_codes, sized(one.sample_rate_hz, "Sa/s", 4)) for one in (spec, its)]
+    if told[0] != told[1]:
         words = "{0} converters, gain codes {1}, {2}"
         raise RefusedInput(
-            f"the receiver of the run has {words.format(*mine)}; a twin takes those of preset {preset.name}, "
-            f"which has {words.format(*its)}; [digitizer] receiver of the run names the preset"
+            f"the receiver of the run has {words.format(*told[0])}; a twin takes those of preset {name}, "
+            f"which has {words.format(*told[1])}; [digitizer] receiver of the run names the preset"
         )
 
 
