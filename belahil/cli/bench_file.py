@@ -34,6 +34,8 @@ link = {link}     # emulated:serial | emulated:usb | simulated | serial:COM3
                              # serial:///dev/ttyUSB0?baud=921600 | socket://host:port | usb:VID:PID[:SERIAL]
 receiver = {receiver}        # preset of the design
 input_ohm = 50               # inf is allowed
+# full_scale_v = 0.512       # of an oscilloscope, the span of all its codes; the preset's when left out
+# sample_rate_hz = 100e6     # of an oscilloscope; the preset's when left out
 """
 
 _EMULATION = """
