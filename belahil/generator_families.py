@@ -69,11 +69,81 @@ _MODELS_RIGOL = tuple(
     )
     for name, hz in (("DG1022Z", 25e6), ("DG1032Z", 30e6), ("DG1062Z", 60e6))
 )
+_AFG_START = AfterReset(frequency_hz=1e6, amplitude_vpp=1.0)
+
+
+def _afg(
+    name: str, hz: float, least_vpp: float, peak_v: float, above: tuple[tuple[float, float], ...] = ()
+) -> GeneratorModel:
+    """Return an AFG3000C or AFG31000; how far this is checked is in docs/instruments.md.
+
+    The sample rate is what waveforms of every length have; up to 16384 points some models have more.
+    """
+    return GeneratorModel(
+        name,
+        "TEKTRONIX",
+        hz,
+        250e6,
+        14,
+        131_072,
+        min_amplitude_vpp=least_vpp,
+        max_peak_v=peak_v,
+        min_points=2,
+        max_delay_s=85.0,
+        delay_digits=5,
+        channels=int(name[-1] if name[-1].isdigit() else name[-2]),
+        arb_played_by="frequency",
+        max_arb_hz=hz / 2,
+        full_code=8191,
+        interpolations=("linear",),
+        vpp_above_hz=above,
+        error_queue_depth=32,
+        after_reset=_AFG_START,
+    )
+
+
+_MODELS_AFG = (
+    _afg("AFG3021C", 25e6, 10e-3, 5.0),
+    _afg("AFG3022C", 25e6, 10e-3, 5.0),
+    _afg("AFG3051C", 50e6, 10e-3, 5.0),
+    _afg("AFG3052C", 50e6, 10e-3, 5.0),
+    _afg("AFG3101C", 100e6, 20e-3, 5.0),
+    _afg("AFG3102C", 100e6, 20e-3, 5.0),
+    _afg("AFG3151C", 150e6, 20e-3, 5.0, ((100e6, 8.0),)),
+    _afg("AFG3152C", 150e6, 20e-3, 5.0, ((100e6, 8.0),)),
+    _afg("AFG3251C", 240e6, 50e-3, 2.5, ((200e6, 4.0),)),
+    _afg("AFG3252C", 240e6, 50e-3, 2.5, ((200e6, 4.0),)),
+    *(_afg(f"AFG3102{n}", 25e6, 1e-3, 5.0, ((60e6, 8.0), (80e6, 6.0))) for n in "12"),
+    *(_afg(f"AFG3105{n}", 50e6, 1e-3, 5.0, ((60e6, 8.0), (80e6, 6.0))) for n in "12"),
+    *(_afg(f"AFG3110{n}", 100e6, 1e-3, 5.0, ((60e6, 8.0), (80e6, 6.0))) for n in "12"),
+    *(_afg(f"AFG3115{n}", 150e6, 1e-3, 2.5, ((200e6, 4.0),)) for n in "12"),
+    *(_afg(f"AFG3125{n}", 250e6, 1e-3, 2.5, ((200e6, 4.0),)) for n in "12"),
+)
+# The rate is that of TrueArb; errors are not queued, and loads begin with high impedance.
+_MODELS_SDG = tuple(
+    GeneratorModel(
+        name,
+        "Siglent Technologies",
+        hz,
+        75e6,
+        16,
+        8_000_000,
+        min_amplitude_vpp=2e-3,
+        max_delay_s=100.0,
+        load_span_ohm=(50.0, 100e3),
+        vpp_above_hz=((20e6, 5.0),),
+        error_queue_depth=0,
+        after_reset=AfterReset(amplitude_vpp=4.0, load_ohm=math.inf, sample_rate_hz=1e6),
+    )
+    for name, hz in (("SDG2042X", 40e6), ("SDG2082X", 80e6), ("SDG2122X", 120e6))
+)
 _BY_FAMILY = {
     "keysight-33500": _MODELS_33500,
     "keysight-33600": _MODELS_33600,
     "agilent-33220": _MODELS_33220,
     "rigol-dg": _MODELS_RIGOL,
+    "tektronix-afg": _MODELS_AFG,
+    "siglent-sdg": _MODELS_SDG,
 }
 MODELS = {model.name: model for models in _BY_FAMILY.values() for model in models}
 FAMILIES = {family: tuple(model.name for model in models) for family, models in _BY_FAMILY.items()}
@@ -82,6 +152,8 @@ DEFAULT_MODEL = {
     "keysight-33600": "33622A",
     "agilent-33220": "33220A",
     "rigol-dg": "DG1062Z",
+    "tektronix-afg": "AFG3152C",
+    "siglent-sdg": "SDG2042X",
 }
 
 

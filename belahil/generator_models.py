@@ -56,6 +56,8 @@ class GeneratorModel:
         grid of the trigger delay.
     max_delay_s : float
         Largest trigger delay; 0 for a model that has none, where zeros before a waveform take its place.
+    delay_digits : int
+        Significant digits of the trigger delay, beside its grid.
     channels : int
         Outputs.
     arb_played_by : {"rate", "frequency"}
@@ -72,7 +74,7 @@ class GeneratorModel:
     vpp_above_hz : tuple of tuple of float
         Largest amplitude of a sine, Vpp, above a frequency; rising frequencies.
     error_queue_depth : int
-        Entries of the error queue.
+        Entries of the error queue; 0 for a model with none that can be relied on.
     conflict_code : int
         Number of the error that tells of settings which do not go together.
     rest_before_on_s : float
@@ -95,6 +97,7 @@ class GeneratorModel:
     amplitude_digits: int = 4
     delay_step_s: float = 1e-9  # assumed
     max_delay_s: float = 1000.0
+    delay_digits: int = 15
     channels: int = 2
     arb_played_by: PlayedBy = "rate"
     max_arb_hz: float = math.inf
@@ -114,7 +117,8 @@ class GeneratorModel:
     def started_s(self, start_s: float, rate_hz: float) -> float:
         """Return the nearest start on that grid."""
         if self.max_delay_s:
-            return round_to_step(start_s, self.delay_step_s) + 0.0
+            stepped = round_to_step(start_s, self.delay_step_s) + 0.0
+            return float(f"{stepped:.{self.delay_digits - 1}e}")
         return round(start_s * rate_hz) / rate_hz + 0.0
 
     def max_vpp_at(self, frequency_hz: float) -> float:

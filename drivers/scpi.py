@@ -74,7 +74,41 @@ class ScpiSession:
             Any bytes.
         """
         length = str(len(data))
-        self._write(f"{header}#{len(length)}{length}".encode("ascii") + data + b"\n")
+        self.send_raw(f"{header}#{len(length)}{length}", data)
+
+    def send_raw(self, header: str, data: bytes) -> None:
+        """Send a command that ends with bytes as they are; `header` must tell how many."""
+        self._write(header.encode("ascii") + data + b"\n")
+
+    def ask_raw(self, query: str, before: bytes, count: int) -> bytes:
+        """Ask for bytes which have no length of their own: `count` of them after `before`.
+
+        Nothing but the bytes themselves proves that they answer this question.
+
+        Raises
+        ------
+        LinkError
+            No such answer; the session is in step again, unless the link is closed or silent.
+        """
+        if not self._in_step:
+            self._get_in_step()
+        deadline_s = self._clock.now_s() + ANSWER_TIMEOUT_S
+        try:
+            self._write(f"{query}\n".encode("ascii"))
+            said = bytearray(self._rest)
+            while (start := said.find(before)) < 0 or len(said) < start + len(before) + count + 1:
+                data = self._link.read(_READ_BYTES, max(0.0, deadline_s - self._clock.now_s()))
+                if not data:
+                    raise LinkTimeout(f"{self._name}: {query} is answered by {len(said)} bytes, no {count}")
+                said += data
+        except LinkClosed:
+            raise
+        except LinkError:
+            self.recover()
+            raise
+        stop = start + len(before) + count
+        self._rest = bytes(said[stop:]).removeprefix(b"\n")
+        return bytes(said[stop - count : stop])
 
     def ask(self, *queries: str) -> list[str]:
         """Send queries as one message and return the answer to each.

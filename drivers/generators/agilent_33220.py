@@ -22,6 +22,7 @@ from drivers.generators.dialect import SCPI_INFINITY, Item, Shown, agrees, item,
 
 if TYPE_CHECKING:
     from belahil.generators import ArbBlock, GeneratorModel, GeneratorSetting
+    from drivers.generators.dialect import Expected
     from drivers.scpi import ScpiSession
 
 _RANGE = ":VOLT:RANG:AUTO"
@@ -69,7 +70,7 @@ class Agilent33220Dialect:
             raise CorruptData(f"two points were to be uploaded, and {_POINTS} answers {points}")
         session.send_block(":DATA:DAC VOLATILE,", arb.codes.astype(">i2").tobytes())
 
-    def agrees(self, answer: str, expected: str | float | Shown) -> bool:
+    def agrees(self, answer: str, expected: Expected) -> bool:
         """Tell whether an answer is what an item expects."""
         return agrees(answer, expected)
 

@@ -23,6 +23,18 @@ class Shown(NamedTuple):
     value: float
 
 
+class Fields(NamedTuple):
+    """Names with values that an answer holds among others; numbers to the digits that the family shows."""
+
+    values: tuple[tuple[str, str | float], ...]
+
+    def __str__(self) -> str:
+        return ",".join(f"{key},{value}" for key, value in self.values)
+
+
+Expected = str | float | Shown | Fields
+
+
 class Item(NamedTuple):
     """One setting: the command that makes it, the query that reads it back, and what that must answer.
 
@@ -31,7 +43,7 @@ class Item(NamedTuple):
 
     command: str
     query: str
-    expected: str | float | Shown
+    expected: Expected
 
 
 class Dialect(Protocol):
@@ -85,7 +97,7 @@ class Dialect(Protocol):
         """Send the points of a waveform, with the output off."""
         ...
 
-    def agrees(self, answer: str, expected: str | float | Shown) -> bool:
+    def agrees(self, answer: str, expected: Expected) -> bool:
         """Tell whether an answer is what an item expects."""
         ...
 
@@ -115,11 +127,13 @@ def sine_voltages(
     return [offset, amplitude] if rising else [amplitude, offset]
 
 
-def agrees(answer: str, expected: str | float | Shown) -> bool:
+def agrees(answer: str, expected: Expected) -> bool:
     """Tell whether an answer is what it must be: a word in any quotes, or exactly the same number.
 
-    A switch may be answered as a word.
+    A switch may be answered as a word. `Fields` are for the dialects that use them.
     """
+    if isinstance(expected, Fields):
+        return False
     if isinstance(expected, str):
         said = answer.strip('"').upper()
         return _SWITCHES.get(said, said) == expected

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from drivers.generators.agilent_33220 import Agilent33220Dialect
 from drivers.generators.keysight import KeysightDialect
 from drivers.generators.rigol_dg import RigolDgDialect
+from drivers.generators.siglent_sdg import SiglentSdgDialect
+from drivers.generators.tektronix_afg import TektronixAfgDialect
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,6 +20,8 @@ _DIALECTS: dict[str, Callable[[], Dialect]] = {
     "keysight-33600": KeysightDialect,
     "agilent-33220": Agilent33220Dialect,
     "rigol-dg": RigolDgDialect,
+    "tektronix-afg": TektronixAfgDialect,
+    "siglent-sdg": SiglentSdgDialect,
 }
 
 

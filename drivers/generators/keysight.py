@@ -23,6 +23,7 @@ from drivers.generators.dialect import (
 
 if TYPE_CHECKING:
     from belahil.generators import ArbBlock, GeneratorModel, GeneratorSetting
+    from drivers.generators.dialect import Expected
     from drivers.scpi import ScpiSession
 
 _RANGE = ":SOUR1:VOLT:RANG:AUTO"
@@ -75,7 +76,7 @@ class KeysightDialect:
         session.send(self.off.command, ":SOUR1:DATA:VOL:CLE")
         session.send_block(f":SOUR1:DATA:ARB:DAC {uploaded_name(arb)},", uploaded_block(arb))
 
-    def agrees(self, answer: str, expected: str | float | Shown) -> bool:
+    def agrees(self, answer: str, expected: Expected) -> bool:
         """Tell whether an answer is what an item expects."""
         return agrees(answer, expected)
 

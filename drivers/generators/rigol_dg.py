@@ -17,6 +17,7 @@ from drivers.generators.dialect import SCPI_INFINITY, Item, Shown, agrees, item,
 
 if TYPE_CHECKING:
     from belahil.generators import ArbBlock, GeneratorModel, GeneratorSetting
+    from drivers.generators.dialect import Expected
     from drivers.scpi import ScpiSession
 
 _RANGE = ":SOUR1:VOLT:RANG:AUTO"
@@ -81,7 +82,7 @@ class RigolDgDialect:
                 f"{arb.codes.size} points were uploaded, and {len(held) // 2} came back that are not the same"
             )
 
-    def agrees(self, answer: str, expected: str | float | Shown) -> bool:
+    def agrees(self, answer: str, expected: Expected) -> bool:
         """Tell whether an answer is what an item expects; a word may come in its long form."""
         if isinstance(expected, str) and expected.isalpha():
             return answer.strip('"').upper().startswith(expected)

@@ -158,7 +158,7 @@ class VerifiedGenerator:
             raise
         except InstrumentError as error:
             # An instrument that does not know a query leaves it unanswered, and says so in its queue.
-            if isinstance(error, LinkError):
+            if isinstance(error, LinkError) and self._model.error_queue_depth:
                 self._refuse(self._session.errors())
             self._switch_off()
             raise
@@ -185,10 +185,14 @@ class VerifiedGenerator:
         return [item for item in items if known.get(item.query) != item.expected]
 
     def _verify(self, items: list[Item]) -> None:
-        *answers, error = self._session.ask(*(item.query for item in items), ":SYST:ERR?")
-        number, text = read_error(error)
-        if number != NO_ERROR:
-            self._refuse([(number, text), *self._session.errors()])
+        queries = [item.query for item in items]
+        if self._model.error_queue_depth:
+            *answers, error = self._session.ask(*queries, ":SYST:ERR?")
+            number, text = read_error(error)
+            if number != NO_ERROR:
+                self._refuse([(number, text), *self._session.errors()])
+        else:
+            answers = self._session.ask(*queries)
         for item, answer in zip(items, answers, strict=True):
             if not self._dialect.agrees(answer, item.expected):
                 raise CorruptData(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 from belahil.generators import GeneratorSetting
 from sim.devices.generator_output import OutputStage, Played, burst_s, is_played
 from sim.devices.scpi import ScpiDevice
-from sim.devices.scpi.status import ScpiError
+from sim.devices.scpi.status import QUEUE_DEPTH, ScpiError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,7 +65,7 @@ class EmulatedGenerator(ScpiDevice):
         super().__init__(
             f"{model.manufacturer},{model.name},{serial_number},{firmware}",
             model.channels,
-            queue_depth=model.error_queue_depth,
+            queue_depth=model.error_queue_depth or QUEUE_DEPTH,
             signed=self.signed,
             clock=getattr(port, "clock", None),
         )

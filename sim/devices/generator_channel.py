@@ -106,9 +106,14 @@ class Levels:
         return max(most, self.least_vpp)
 
     @property
+    def is_sine(self) -> bool:
+        """Whether the shape is a sine."""
+        return self.function == "SIN"
+
+    @property
     def _most_vpp_here(self) -> float:
         """Largest amplitude at the present frequency, which matters to sines alone (assumed)."""
-        frequency_hz = self.frequency_hz if self.function == "SIN" else 0.0
+        frequency_hz = self.frequency_hz if self.is_sine else 0.0
         return self.model.max_vpp_at(frequency_hz) * per_50_ohm(self.load_ohm)
 
     @property

@@ -233,13 +233,14 @@ def _add_level(commands: ChannelCommands[C], name: str, high: bool) -> None:
     )
 
 
-def add_limit_commands(commands: ChannelCommands[C], header: str, state: str = ":STATe") -> None:
-    """Add the instrument's own voltage limits: ``header:HIGH``, ``:LOW`` and their switch."""
-    commands.add(
-        f"{header}{state}",
-        lambda channel, tokens: channel.set_limits(read_boolean(tokens[0])),
-        lambda channel, _: "1" if channel.limits_on else "0",
-    )
+def add_limit_commands(commands: ChannelCommands[C], header: str, state: str | None = ":STATe") -> None:
+    """Add the instrument's own voltage limits: ``header:HIGH``, ``:LOW``, and their switch if any."""
+    if state is not None:
+        commands.add(
+            f"{header}{state}",
+            lambda channel, tokens: channel.set_limits(read_boolean(tokens[0])),
+            lambda channel, _: "1" if channel.limits_on else "0",
+        )
     for high, name in ((True, "HIGH"), (False, "LOW")):
         _add_limit(commands, f"{header}:{name}", high)
 

@@ -8,6 +8,8 @@ from belahil.generators import family_of
 from sim.devices.generator import GeneratorDevice
 from sim.devices.generators.agilent_33220 import Agilent33220
 from sim.devices.generators.rigol_dg import RigolDg
+from sim.devices.generators.siglent_sdg import SiglentSdg
+from sim.devices.generators.tektronix_afg import TektronixAfg
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,6 +23,8 @@ _DEVICES: dict[str, Callable[[GeneratorModel, GeneratorPort], ScpiDevice]] = {
     "keysight-33600": GeneratorDevice,
     "agilent-33220": Agilent33220,
     "rigol-dg": RigolDg,
+    "tektronix-afg": TektronixAfg,
+    "siglent-sdg": SiglentSdg,
 }
 
 
