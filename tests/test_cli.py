@@ -547,6 +547,8 @@ def test_show_lists_what_there_is(capsys: Captured) -> None:
     for part in (
         "keysight-33500",
         "33622A: sine up to 120 MHz",
+        "10 mVpp to 10 Vpp into 50 ohm, waveforms by their frequency, up to 6 MHz, no trigger delay",
+        "5 Vpp above 10 MHz, 2.5 Vpp above 30 MHz, set to high impedance by a reset",
         "bela-grm",
         "gala-like",
         "emulated:usb",

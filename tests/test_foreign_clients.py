@@ -142,3 +142,30 @@ def test_pymeasure_sets_everything_else_of_a_33220a(client_33220: Any, port: Por
     client.wait_for_trigger()
     client.beep()
     assert port.triggers == 1
+
+
+def test_pymeasure_plays_a_sine_on_a_dg1062z(port: Port) -> None:
+    # given its class for the sister family DG800, whose words these are too
+    rigol = pytest.importorskip("pymeasure.instruments.rigol.rigol_dg800")
+    library = EmulatedVisa(PlantClock()).plug(NAME, generator_device(MODELS["DG1062Z"], port))
+    client = rigol.DG800(NAME, visa_library=library)
+    channel = client.channel_1
+    channel.high_impedance = False
+    assert channel.load == 50
+    channel.sine = (5e6, 0.25, 0.05, 0)
+    channel.output_enabled = True
+    assert (channel.shape, channel.frequency, channel.output_enabled) == ("SIN", 5e6, True)
+    assert stimulus_of(port.setting) == Sine(5e6, 0.25, 0.05)
+    channel.high_impedance = True
+    assert channel.load == 9.9e37
+    assert channel.waveform[1:4] == [5e6, 0.5, 0.1]
+    for name, value in (("pulse_width", 1e-4), ("duty_cycle", 30.0), ("sync_enabled", False)):
+        setattr(channel, name, value)
+        assert getattr(channel, name) == pytest.approx(value)
+    channel.output_enabled = False  # what the plant does not play is an error when the output is on
+    channel.pulse = (1e5, 1.0, 0.0, 0.0)
+    assert channel.shape == "PULS"
+    channel.dc = 0.5
+    assert channel.shape == "DC"
+    assert client.check_errors() == []
+    client.adapter.close()

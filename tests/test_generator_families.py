@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from belahil.bench import open_bench
+from belahil.cli.main import main
 from belahil.config import (
     BenchConfig,
     BenchTable,
@@ -40,6 +43,8 @@ from drivers.generators.families import dialect_of
 from drivers.generators.verified import VerifiedGenerator
 from drivers.scpi import ScpiSession
 from drivers.visa_link import VisaLink
+from procedures.gaussian_pulses import TrainPulse, gaussian_train
+from procedures.playable import playable
 from sim.devices.generator_families import generator_device
 from sim.plant import PlantClock
 from sim.transports.visa_library import EmulatedVisa
@@ -376,3 +381,61 @@ def test_a_sine_of_the_dg1062z_is_smaller_the_faster_it_is() -> None:
         bench.driver.prepare(sine, "immediate")
         assert bench.clock.now_s() == 0
         assert _asked(bench.device, "SYST:ERR?") == '0,"No error"'
+
+
+# ---- what procedures ask of every family
+
+
+@pytest.mark.parametrize("family", OTHERS)
+def test_a_gaussian_is_played_where_it_was_asked_for(family: str) -> None:
+    # given two Gaussians of 200 ns, the second of them early and late on the grid of points
+    model = MODELS[DEFAULT_MODEL[family]]
+    pulses = (TrainPulse(200e-9, 0.1, 3.0e-6), TrainPulse(200e-9, -0.05, 5.0123e-6))
+    # when they are sampled for this model and rounded to what it plays
+    train = gaussian_train(pulses, model)
+    played = on_grid(train, model)
+    assert isinstance(played, SampledPulse)
+    # then straight lines (ln 2 (h / fwhm)^2 of the peak), codes (half a step of the amplitude) and a start
+    # moved to its grid (half of it, along the steepest slope) are all that differs
+    h = 1 / train.sample_rate_hz
+    step_v = 0.2 / 2 / 2 ** (model.dac_bits - 1)
+    steepest = 0.1 * 1.43 / 200e-9
+    moved_s = abs(model.started_s(train.start_s, train.sample_rate_hz) - train.start_s)
+    off = 0.1 * math.log(2) * (h / 200e-9) ** 2 + 2 * step_v + steepest * (moved_s + 1e-12)
+    times_s = np.linspace(2e-6, 6e-6, 4001)
+    asked = sum(
+        one.peak_v * np.exp(-4 * math.log(2) * ((times_s - one.centre_s) / one.fwhm_s) ** 2) for one in pulses
+    )
+    assert np.max(np.abs(played.at(times_s) - asked)) < off
+    assert off < 0.01
+
+
+@pytest.mark.parametrize("family", OTHERS)
+def test_an_echo_is_made_playable(family: str) -> None:
+    # given an echo at 80 MSa/s that no generator's grid fits
+    model = MODELS[DEFAULT_MODEL[family]]
+    times_s = np.arange(400) / 80e6
+    wished = SampledPulse(0.1 * np.exp(-0.5 * ((times_s - 2.5e-6) / 150e-9) ** 2), 80e6, 1.234e-6)
+    # when it is fitted to what the generator plays
+    made = playable(wished, model, _config("simulated", "generator", family, 50.0))
+    # then what is played is close to it, and the setting holds its points
+    places_s = np.linspace(1e-6, 7e-6, 2001)
+    assert np.max(np.abs(made.played.at(places_s) - wished.at(places_s))) < 2e-4
+    assert made.full_range > 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", OTHERS)
+def test_a_receiver_is_characterized(family: str, tmp_path: Path) -> None:
+    # given the emulated bench of the family behind 20 dB
+    file = tmp_path / "bench.toml"
+    file.write_text(f'[generator]\ndriver = "{family}"\nattenuation_db = 20.0\n')
+    words = "--codes 4 --amplitudes-mvpp 200 --frequencies-mhz 1,4,8,12,16,19 --dark-windows 2 --quiet"
+    # when its receiver is characterized in a few windows
+    out = tmp_path / "run"
+    assert main(["characterize", "--bench", str(file), *words.split(), "--out", str(out)]) == 0
+    # then the cut-off is that of the preset
+    summary = json.loads((out / "summary.json").read_text())
+    cutoff = summary["results"]["gain_codes"][0]["cutoff"]
+    assert abs(cutoff["value"] - 19e6) < 5 * cutoff["standard_uncertainty"] < 1e5
+    assert DEFAULT_MODEL[family] in summary["instruments"]["generator"]

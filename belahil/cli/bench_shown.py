@@ -13,6 +13,7 @@ from belahil.uncertainty import sized
 
 if TYPE_CHECKING:
     from belahil.config import BenchConfig
+    from belahil.generators import GeneratorModel
     from belahil.receiver import ReceiverSpec
 
 LINKS = (
@@ -32,19 +33,30 @@ def catalogue() -> str:
     lines = ["generators ([generator] driver):"]
     for family, names in FAMILIES.items():
         lines.append(f"  {family}")
-        for name in names:
-            model = MODELS[name]
-            lines.append(
-                f"    {name}: sine up to {sized(model.max_sine_hz, 'Hz')}, "
-                f"waveforms of {model.min_points} to {model.max_points} points "
-                f"at up to {sized(model.max_arb_rate_hz, 'Sa/s')}, {model.dac_bits} bit, "
-                f"{sized(model.min_amplitude_vpp, 'Vpp')} to {sized(2 * model.max_peak_v, 'Vpp')} into 50 ohm"
-            )
+        lines += [f"    {_generator(MODELS[name])}" for name in names]
     lines += ["digitizers ([digitizer] driver):", "  grm: the GRM link, docs/grm-link.md"]
     lines += [f"  {driver}: an oscilloscope at the receiver's analog output" for driver in SCOPES]
     lines += ["receivers ([digitizer] receiver):", *(f"  {_receiver(spec)}" for spec in RECEIVERS.values())]
     lines += ["links ([digitizer] link):", *(f"  {link}: {what}" for link, what in LINKS)]
     return "\n".join(lines)
+
+
+def _generator(model: GeneratorModel) -> str:
+    """Say what a model can do, and what a reset leaves it with where that is no 50 ohm."""
+    told = (
+        f"{model.name}: sine up to {sized(model.max_sine_hz, 'Hz')}, "
+        f"waveforms of {model.min_points} to {model.max_points} points "
+        f"at up to {sized(model.max_arb_rate_hz, 'Sa/s')}, {model.dac_bits} bit, "
+        f"{sized(model.min_amplitude_vpp, 'Vpp')} to {sized(2 * model.max_peak_v, 'Vpp')} into 50 ohm"
+    )
+    told += "".join(f", {vpp:g} Vpp above {sized(hertz, 'Hz')}" for hertz, vpp in model.vpp_above_hz)
+    if model.arb_played_by == "frequency":
+        told += f", waveforms by their frequency, up to {sized(model.max_arb_hz, 'Hz')}"
+    if not model.max_delay_s:
+        told += ", no trigger delay"
+    if math.isinf(model.after_reset.load_ohm):
+        told += ", set to high impedance by a reset"
+    return told
 
 
 def _output(bandwidth_hz: float) -> str:
