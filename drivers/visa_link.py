@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 WRITE_TIMEOUT_S = 5.0
 # PyVISA asks for so many bytes at once; a longer answer comes in several portions.
 _CHUNK_BYTES = 65536
+# HiSLIP of PyVISA-py tells by RuntimeError that the other end is gone or out of step.
+_RAISED = (OSError, RuntimeError)
 
 
 class VisaLink:
@@ -87,7 +89,7 @@ class VisaLink:
         self._is_fresh = False
         try:
             self._connected().write_raw(data)
-        except (OSError, self._pyvisa.errors.Error) as error:
+        except (*_RAISED, self._pyvisa.errors.Error) as error:
             raise self._failed(error) from error
 
     def read(self, count: int, timeout_s: float) -> bytes:
@@ -114,7 +116,7 @@ class VisaLink:
             data = bytes(resource.read_raw(min(count, _CHUNK_BYTES)))
             self._has_answered = True
             return data
-        except (OSError, self._pyvisa.errors.Error) as error:
+        except (*_RAISED, self._pyvisa.errors.Error) as error:
             if _status(error) != "error_timeout":
                 raise self._failed(error) from error
             if self._hung_up():
@@ -137,7 +139,8 @@ class VisaLink:
             try:
                 self._connected().clear()
                 return
-            except NotImplementedError:
+            except RuntimeError:
+                # A back end that cannot clear, or (HiSLIP of PyVISA-py) finds an old answer on the way.
                 pass
             except (OSError, self._pyvisa.errors.Error) as error:
                 if _status(error) != "error_nonsupported_operation":
@@ -179,6 +182,7 @@ class VisaLink:
         if status == "error_timeout":
             return LinkTimeout(f"{self._address}: the instrument takes no more bytes")
         gone = status in ("error_connection_lost", "error_resource_not_found", "error_invalid_object")
+        gone |= "dropped by server" in str(error)
         if gone or isinstance(error, (OSError, self._pyvisa.errors.InvalidSession)):
             # Sockets of pyvisa-py connect in the background: only the first write learns of it.
             if not self._has_answered or isinstance(error, ConnectionRefusedError):

@@ -140,6 +140,13 @@ def test_a_slow_line_carries_a_window_no_faster_than_its_rate() -> None:
             assert time.monotonic() - begun_s >= latency_s
 
 
+def test_a_client_may_ask_thousands_of_questions_before_it_reads() -> None:
+    with served() as (places, _), RawClient(port_of(places.address)) as client:
+        client.line.sendall(b"*ESE 5;*ESE?\n" * 5000)
+        assert [client.ask(b"") for _ in range(5000)] == [b"+5\n"] * 5000
+        assert client.ask(b"SYST:ERR?\n").strip() == NO_ERROR
+
+
 def test_a_client_that_does_not_read_does_not_stop_the_others() -> None:
     with served() as (places, _):
         port = port_of(places.address)

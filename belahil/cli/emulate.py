@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option("--scpi-port", type=click.IntRange(0, 65535), default=0, help="Port of the generator; 0: any.")
 @click.option("--link-port", type=click.IntRange(0, 65535), default=0, help="Port of the receiver; 0: any.")
+@click.option("--hislip-port", type=click.IntRange(0, 65535), default=0, help="HiSLIP port of the generator.")
 @click.option("--pty", is_flag=True, help="Offer both at pseudo-terminals too (not on Windows).")
 @click.option(
     "--baud",
@@ -52,6 +53,7 @@ def command(
     host: str,
     scpi_port: int,
     link_port: int,
+    hislip_port: int,
     pty: bool,
     baud: float | None,
     latency_ms: float,
@@ -78,7 +80,7 @@ def command(
         if client is not None:
             write_whole(client, text)
         for name, places in (
-            ("generator:", (served.address, served.pty_address)),
+            ("generator:", (served.address, served.hislip_address, served.pty_address)),
             ("receiver: ", (served.link, served.pty_link)),
         ):
             for place in filter(None, places):
@@ -88,7 +90,7 @@ def command(
             flush=True,
         )
 
-    how = Serving(host, scpi_port, link_port, pty, baud or math.inf, latency_ms / 1e3)
+    how = Serving(host, scpi_port, link_port, hislip_port, pty, baud or math.inf, latency_ms / 1e3)
     serve(config, announce, how, lambda line: print("belahil:", line, file=sys.stderr, flush=True))
     return 0
 

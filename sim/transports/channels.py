@@ -10,6 +10,8 @@ import socket
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Protocol
 
+from sim.devices.scpi.exchange import OUTPUT_CAPACITY
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -142,6 +144,11 @@ class Wire(ABC):
     due_s = math.inf
     """Time on the server's clock when `take` may have something to say without being fed."""
 
+    @property
+    def is_full(self) -> bool:
+        """Whether nothing more can be taken for now."""
+        return False
+
     @abstractmethod
     def feed(self, data: bytes) -> None:
         """Take bytes from the client."""
@@ -165,13 +172,29 @@ class ScpiWire(Wire):
 
     def __init__(self, device: ScpiDevice) -> None:
         self._connection = device.connect("stream")
+        self._answers = bytearray()
 
     def feed(self, data: bytes) -> None:
         """Take bytes; each line feed that is not part of a block ends a message."""
-        self._connection.write(data)
+        if data.count(b"\n") < OUTPUT_CAPACITY:
+            self._connection.write(data)
+            return
+        # So many questions at once fill the instrument's queue of answers, which a network would drain.
+        for start in range(0, len(data), OUTPUT_CAPACITY):
+            self._connection.write(data[start : start + OUTPUT_CAPACITY])
+            self._answers += self._read()
 
     def take(self) -> bytes:
         """Give the answers."""
+        taken = bytes(self._answers) + self._read()
+        self._answers.clear()
+        return taken
+
+    def gone(self) -> None:
+        """Drop what is not finished, and what the instrument still owes."""
+        self._connection.clear()
+
+    def _read(self) -> bytes:
         return b"".join(iter(self._connection.read, None))
 
 

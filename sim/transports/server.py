@@ -19,6 +19,7 @@ from sim.devices.grm import GrmDevice
 from sim.generator_path import true_model
 from sim.plant import Plant
 from sim.transports.channels import PtyChannel, ScpiWire
+from sim.transports.hislip import SUB_ADDRESS, HislipInstrument
 from sim.transports.line_pace import LinePace
 from sim.transports.one_receiver import OneReceiver
 from sim.transports.server_loop import Server
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 MOST_SCPI_CLIENTS = 16
+MOST_HISLIP_CLIENTS = 16
+_MOST_HISLIP_CONNECTIONS = 2 * MOST_HISLIP_CLIENTS + 8
+"""Two for each client, and some for those who are told that there are too many."""
 MOST_REFUSED = 8
 """Clients that are told, at the same time, that the receiver has one already."""
 
@@ -42,8 +46,8 @@ class Serving:
     ----------
     host : str
         Address to listen at.
-    scpi_port, link_port : int
-        TCP ports of the generator and of the receiver; 0 for any that is free.
+    scpi_port, link_port, hislip_port : int
+        TCP ports of the generator, of the receiver and of the generator's HiSLIP; 0 for any that is free.
     pty : bool
         Whether to offer generator and receiver at pseudo-terminals too.
     baud : float
@@ -56,6 +60,7 @@ class Serving:
     host: str = LOOPBACK
     scpi_port: int = 0
     link_port: int = 0
+    hislip_port: int = 0
     pty: bool = False
     baud: float = math.inf
     latency_s: float = 0.0
@@ -67,7 +72,7 @@ class Served:
 
     Parameters
     ----------
-    address : str
+    address, hislip_address : str
         Of the generator.
     link : str
         Of the receiver.
@@ -78,6 +83,7 @@ class Served:
     """
 
     address: str
+    hislip_address: str
     link: str
     pty_address: str
     pty_link: str
@@ -127,6 +133,10 @@ def serve(
 
     with Server(tell) as server:
         scpi_port = server.listen(scpi, how.host, how.scpi_port, MOST_SCPI_CLIENTS, _network_pace(how))
+        hislip = HislipInstrument(generator, MOST_HISLIP_CLIENTS)
+        hislip_port = server.listen(
+            hislip.wire, how.host, how.hislip_port, _MOST_HISLIP_CONNECTIONS, _network_pace(how)
+        )
         link_port = server.listen(receiver.wire, how.host, how.link_port, 1 + MOST_REFUSED, serial_pace)
         pty_address = pty_link = ""
         if how.pty:
@@ -141,6 +151,7 @@ def serve(
             announce(
                 Served(
                     f"TCPIP::{host}::{scpi_port}::SOCKET",
+                    f"TCPIP::{host}::{SUB_ADDRESS},{hislip_port}::INSTR",
                     f"socket://{host}:{link_port}",
                     pty_address,
                     pty_link,
@@ -168,6 +179,9 @@ def _reached_as(host: str) -> str:
 
 def _warm_up(config: BenchConfig) -> None:
     """Digitize a window that nobody sees: what the first one loads must not make a client wait."""
+    # The filter of pulses loads it, which takes longer than clients wait.
+    import scipy.signal  # noqa: F401
+
     plant = Plant(config)
     codes = plant.spec.gain_codes
     plant.arm(WindowRequest(0, codes[0] if codes else None))

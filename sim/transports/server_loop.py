@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import selectors
 import socket
@@ -9,7 +10,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from belahil.errors import LinkError
 from sim.transports.channels import HungUp, SocketChannel
@@ -34,7 +35,10 @@ _LOOK_AGAIN_S = 0.05
 class _Client:
     """A channel, the wire behind it, and what could not be sent yet."""
 
-    def __init__(self, channel: Channel, wire: Wire, pace: LinePace | None, line: _Line | None) -> None:
+    def __init__(
+        self, number: int, channel: Channel, wire: Wire, pace: LinePace | None, line: _Line | None
+    ) -> None:
+        self.number = number
         self.channel = channel
         self.wire = wire
         self.pace = pace
@@ -76,8 +80,23 @@ class _Client:
     @property
     def events(self) -> int:
         """What to wait for."""
-        read = _READ if len(self.unsent) < _MOST_UNSENT_BYTES else 0
+        read = 0 if self.wire.is_full or len(self.unsent) >= _MOST_UNSENT_BYTES else _READ
         return read | (_WRITE if self.is_stuck else 0)
+
+
+class _Turn(NamedTuple):
+    """What to do when something has arrived.
+
+    Older clients come first, since of the two connections of a HiSLIP client the older one has what the
+    other asks about; listeners come last, so that who has left makes room for who comes.
+    """
+
+    order: float
+    act: Callable[[], None]
+
+
+def _in_order(turn: _Turn) -> float:
+    return turn.order
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +128,7 @@ class Server:
         self._new_pace = new_pace
         self._selector = selectors.DefaultSelector()
         self._clients: list[_Client] = []
+        self._numbers = itertools.count()
         self._absent: list[_Line] = []
         self._listeners: list[socket.socket] = []
         self._stopping = False
@@ -167,7 +187,7 @@ class Server:
                         f"port {bound}: {_place(peer)} was sent away: {most_clients} clients are there"
                     )
 
-        self._selector.register(listener, _READ, accept)
+        self._selector.register(listener, _READ, _Turn(math.inf, accept))
         return bound
 
     def attach(self, channel: PtyChannel, connect: Connect, new_pace: NewPace | None = None) -> None:
@@ -177,11 +197,9 @@ class Server:
     def run(self) -> None:
         """Serve until `stop`."""
         while not self._stopping:
-            ready = [key for key, events in self._selector.select(self._patience_s()) if events & _READ]
-            # Who has left makes room before the next one is let in.
-            for key in sorted(ready, key=lambda key: key.fileobj in self._listeners):
-                if key.data:
-                    key.data()
+            ready = [key.data for key, events in self._selector.select(self._patience_s()) if events & _READ]
+            for turn in sorted(filter(None, ready), key=_in_order):
+                turn.act()
             self._look_for_callers()
             now_s = time.monotonic()
             # What one device was told can give another one something to say.
@@ -224,7 +242,7 @@ class Server:
         self, channel: Channel, wire: Wire, new_pace: NewPace | None, line: _Line | None = None
     ) -> _Client:
         new_pace = new_pace or self._new_pace
-        client = _Client(channel, wire, new_pace() if new_pace else None, line)
+        client = _Client(next(self._numbers), channel, wire, new_pace() if new_pace else None, line)
         self._clients.append(client)
         self._watch(client)
         return client
@@ -245,7 +263,7 @@ class Server:
         wanted = client.events
         if wanted == client.watched:
             return
-        listen = partial(self._attempt, client, client.receive)
+        listen = _Turn(client.number, partial(self._attempt, client, client.receive))
         if not client.watched:
             self._selector.register(client.channel, wanted, listen)
         elif wanted:
