@@ -87,8 +87,13 @@ class Replay:
 
     def close(self) -> None:
         """Let go of the file; what was not replayed is kept for `check`."""
-        if self._failure is None and (self._next is None or self._next.record.kind != "end"):
-            self._failure = self._other(Exchange(0, Record("end"), b""))
+        if self._failure is None:
+            if self._next is None or self._next.record.kind != "end":
+                self._failure = self._other(Exchange(0, Record("end"), b""))
+            else:
+                self._advance_or_fail()
+        if self._failure is None and self._next is not None:
+            self._failure = InstrumentError(f"{self._reader.path}: goes on behind the end of its session")
         self._reader.close()
 
     def answer(self, kind: Kind, link: str, sent: bytes = b"") -> bytes:

@@ -266,6 +266,11 @@ def test_damage_is_told_when_the_replay_comes_to_it(tmp_path: Path) -> None:
     with pytest.raises(InstrumentError, match=r"damaged at byte \d+, after \d+ good records"):
         replayed(tmp_path / "b.rec")
 
+    other = (tmp_path / "a.rec").read_bytes() + framed(b'{"kind":"closing"}\n')
+    (tmp_path / "d.rec").write_bytes(other)
+    with pytest.raises(InstrumentError, match="goes on behind the end of its session"):
+        replayed(tmp_path / "d.rec")
+
     damaged[40] ^= 1
     (tmp_path / "c.rec").write_bytes(damaged)
     with pytest.raises(StorageError, match=r"damaged at byte 20, after 0 good records"):
@@ -392,6 +397,13 @@ def test_wrong_use_is_one_line(
     assert answer.count("\n") == 1
     assert Path("there.rec").read_text() == "precious"
     assert not Path("run").exists()
+
+
+def test_a_recording_cannot_be_served(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recorded(tmp_path / "a.rec")
+
+    assert main(["emulate", "--bench", f"replay:{tmp_path / 'a.rec'}"]) == 2
+    assert "a recording holds no truth to emulate" in capsys.readouterr().err
 
 
 def test_a_resumed_run_takes_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,6 +16,7 @@ import pytest
 from belahil.bench import open_bench
 from belahil.config import BenchConfig, EmulationTable, load_bench, parse_bench
 from belahil.errors import LinkClosed
+from belahil.recording import read_session
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus
 from belahil.values import Shot, WindowRequest
 
@@ -116,7 +117,9 @@ def test_devices_in_another_process_give_the_counts_of_those_in_this_one(tmp_pat
         assert process.wait(10) == 0
     # and with the server gone a recording of each transport gives the same
     for number in range(len(links)):
-        again = _measured(load_bench(f"replay:{tmp_path / f'{number}.rec'}"))
+        session = read_session(tmp_path / f"{number}.rec")
+        assert (session.source, session.seed) == ("hardware", None)
+        again = _measured(session.config)
         for shot, expected in zip(again, reference, strict=True):
             assert shot.window.equals(expected.window)
             assert shot.played == expected.played

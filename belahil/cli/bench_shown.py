@@ -25,6 +25,7 @@ LINKS = (
     ("socket://host:port", "a serial line over TCP"),
     ("usb:VID:PID[:SERIAL]", "USB bulk, numbers in hexadecimal"),
     ("visa:RESOURCE", "an oscilloscope, by its VISA resource name"),
+    ("replay:FILE", "a recording of the links, with [generator] address = the same"),
 )
 
 

@@ -68,10 +68,13 @@ def command(
     from msgspec.structs import replace
 
     from belahil.config import load_bench
+    from belahil.errors import RefusedInput
     from belahil.storage import write_whole
     from sim.transports.server import Served, Serving, serve
 
     config = load_bench(bench)
+    if config.source == "replay":
+        raise RefusedInput(f"--bench {bench}: a recording holds no truth to emulate")
     if seed is not None:
         config = replace(config, emulation=replace(config.emulation, seed=seed))
 
