@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from belahil.bench import Bench, Endpoints
-from belahil.config import BenchConfig, BenchTable, DigitizerTable, EmulationTable
+from belahil.config import BenchConfig, BenchTable, DigitizerTable, EmulationTable, GeneratorTable
 from belahil.errors import InstrumentError, LinkClosed
 from belahil.recording import Recorder
 from belahil.stimuli import NoSignal, SampledPulse, Sine
 from belahil.values import WindowRequest
 from drivers.build import bench
 from sim.build import VISA_ADDRESS
-from sim.devices.generator import GeneratorDevice
+from sim.devices.generator_families import generator_device
 from sim.devices.grm import GrmDevice
 from sim.faulty_devices import FaultyLine, FaultyMessages
 from sim.generator_path import true_model
@@ -27,6 +27,7 @@ from sim.transports.visa_library import EmulatedVisa
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from belahil.generators import GeneratorModel
     from belahil.stimuli import Stimulus
     from belahil.values import Shot
     from sim.faults import FaultPlan
@@ -45,13 +46,21 @@ SCRIPT: tuple[tuple[Stimulus, WindowRequest], ...] = (
 )
 
 
-def config(link: str, trigger: str = "generator") -> BenchConfig:
+def config(link: str, trigger: str = "generator", driver: str = "keysight-33500") -> BenchConfig:
     """Return a bench with GRM link "serial" or "usb"."""
     return BenchConfig(
         bench=BenchTable(trigger=trigger),  # type: ignore[arg-type]
+        generator=GeneratorTable(driver=driver),
         digitizer=DigitizerTable(link=f"emulated:{link}"),
         emulation=EmulationTable(seed=7),
     )
+
+
+def _played_by(stimulus: Stimulus, model: GeneratorModel) -> Stimulus:
+    """Return a stimulus no faster than a model plays it."""
+    if isinstance(stimulus, SampledPulse):
+        return replace(stimulus, sample_rate_hz=min(stimulus.sample_rate_hz, model.max_arb_rate_hz))
+    return stimulus
 
 
 class FaultyBench:
@@ -59,7 +68,7 @@ class FaultyBench:
 
     def __init__(self, config: BenchConfig, plan: FaultPlan) -> None:
         self.plant = Plant(config)
-        self.generator = GeneratorDevice(true_model(config), self.plant)
+        self.generator: Any = generator_device(true_model(config), self.plant)
         self._config = config
         self._plan = plan
 
@@ -89,7 +98,7 @@ class FaultyBench:
             with self.open() as opened:
                 for stimulus, request in SCRIPT:
                     try:
-                        found.append(opened.measure(stimulus, request))
+                        found.append(opened.measure(_played_by(stimulus, opened.generator_model), request))
                     except LinkClosed:
                         raise
                     except InstrumentError as error:

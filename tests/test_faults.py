@@ -11,6 +11,7 @@ import pytest
 from faulty_bench import SCRIPT, FaultyBench, config
 
 from belahil.errors import InstrumentError, LinkClosed, RefusedInput
+from belahil.generators import FAMILIES
 from belahil.grm_link import Framing, Telemetry, WindowSegment, framed, read_answer, segments, telemetry
 from belahil.grm_link.framing import packet_stream
 from belahil.values import RangeWindow
@@ -31,25 +32,25 @@ CASES = [
 
 
 @cache
-def _sound(line: str, trigger: str) -> tuple[list[Shot], dict[tuple[LinkName, Direction], int]]:
+def _sound(line: str, trigger: str, driver: str) -> tuple[list[Shot], dict[tuple[LinkName, Direction], int]]:
     """Return the shots of a bench without faults, and how many messages they took."""
     plan = FaultPlan([])
-    shots = FaultyBench(config(line, trigger), plan).measured()
+    shots = FaultyBench(config(line, trigger, driver), plan).measured()
     assert len(shots) == len(SCRIPT)
     return shots, dict(plan.messages)  # type: ignore[return-value]
 
 
-def _one_fault(link: LinkName, kind: Kind, seed: int) -> None:
+def _one_fault(link: LinkName, kind: Kind, seed: int, driver: str = "keysight-33500") -> None:
     """Measure with one fault at a random place, and compare with the bench without."""
     chance = random.Random(f"{link} {kind} {seed}")
     line = chance.choice(("serial", "usb")) if link == "visa" else link
     trigger = chance.choice(("generator", "digitizer"))
-    sound, messages = _sound(line, trigger)
+    sound, messages = _sound(line, trigger, driver)
     direction: Direction = "from_device" if kind == "old_shot" else chance.choice(DIRECTIONS)
     # The last window has an older one; after it come no more than its own and two other messages.
     places = messages[link, direction] - (3 if kind == "old_shot" else 0)
     plan = FaultPlan([Fault(link, direction, kind, chance.randrange(places), seed)])
-    bench = FaultyBench(config(line, trigger), plan)
+    bench = FaultyBench(config(line, trigger, driver), plan)
     found = bench.measured()
     plan.require_fired()
     for shot, reference in zip(found, sound, strict=False):
@@ -70,6 +71,25 @@ def _one_fault(link: LinkName, kind: Kind, seed: int) -> None:
 def test_a_fault_gives_the_right_window_or_a_typed_error(link: LinkName, kind: Kind) -> None:
     for seed in range(12):
         _one_fault(link, kind, seed)
+
+
+OTHER_DRIVERS = [driver for driver in FAMILIES if not driver.startswith("keysight")]
+VISA_KINDS = [kind for link, kind in CASES if link == "visa"]
+
+
+@pytest.mark.parametrize("driver", OTHER_DRIVERS)
+def test_a_fault_between_any_generator_and_its_driver_is_found(driver: str) -> None:
+    for seed, kind in enumerate(VISA_KINDS):
+        _one_fault("visa", kind, seed, driver)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("driver", OTHER_DRIVERS)
+@pytest.mark.parametrize("kind", VISA_KINDS)
+def test_a_fault_at_40_places_between_any_generator_and_its_driver_is_found(kind: Kind, driver: str) -> None:
+    for seed in range(40):
+        _one_fault("visa", kind, seed, driver)
 
 
 @pytest.mark.slow
