@@ -22,10 +22,8 @@ if TYPE_CHECKING:
     from belahil.receiver import DigitizerSpec, ReceiverSpec
     from belahil.values import Trigger, WindowRequest
 
-HALF_SPAN = 128
-"""Codes below the middle of an eight-bit converter: records are re-centred by it."""
 TRIGGERS: tuple[Trigger, ...] = ("immediate", "generator")
-GRID_SLACK = 1e-3
+GRID_SLACK = 0.02
 """Parts of a sample interval that a told time may be off by rounding."""
 
 
@@ -37,10 +35,12 @@ class ScopeModel:
     ----------
     maker, name : str
         As in the identity of an emulated one.
+    bits : int
+        Of the converter.
     zero_code : int
-        Code of zero volts without an offset, of 256.
+        Code of zero volts without an offset.
     lowest_code : int
-        The lowest code of a sample; this one and 255 mean clipped.
+        The lowest code of a sample; this one and `top_code` mean clipped.
     told_codes : float
         Codes in the unit whose volts the instrument tells.
     volt_digits, time_digits : int
@@ -51,10 +51,13 @@ class ScopeModel:
         Samples of a record, ascending.
     max_rate_hz : float
         Samples per second.
+    tells_phase : bool
+        Whether its times tell where between two samples the trigger came.
     """
 
     maker: str
     name: str
+    bits: int
     zero_code: int
     lowest_code: int
     told_codes: float
@@ -63,16 +66,28 @@ class ScopeModel:
     divisions: int
     record_lengths: tuple[int, ...]
     max_rate_hz: float
+    tells_phase: bool
+
+    @property
+    def code_count(self) -> int:
+        """How many codes the converter has."""
+        return 1 << self.bits
+
+    @property
+    def top_code(self) -> int:
+        """The highest code."""
+        return (1 << self.bits) - 1
 
     def volts_per_count(self, full_scale_v: float) -> float:
-        """Volts per code as the instrument tells them, with `full_scale_v` over 256 codes."""
-        return told(full_scale_v / 256 * self.told_codes, self.volt_digits) / self.told_codes
+        """Volts per code as the instrument tells them, with `full_scale_v` over all codes."""
+        return told(full_scale_v / self.code_count * self.told_codes, self.volt_digits) / self.told_codes
 
 
 SCOPES = {
     "keysight-infiniivision": ScopeModel(
         maker="KEYSIGHT TECHNOLOGIES",
         name="DSOX1204G",
+        bits=8,
         # Word 0 is a hole, 1 is clipped below, 65535 above (guides of the 2000 and 4000 X-Series).
         zero_code=128,
         lowest_code=1,
@@ -83,6 +98,50 @@ SCOPES = {
         divisions=10,
         record_lengths=(1000, 2000, 5000, 10000, 20000, 50000, 100000, 200000, 500000),
         max_rate_hz=2e9,
+        tells_phase=True,  # assumed
+    ),
+    "rigol-ds1000z": ScopeModel(
+        maker="RIGOL TECHNOLOGIES",
+        name="DS1202Z-E",
+        bits=8,
+        # 25 codes a division; yreference is 127 in the programming guide's example.
+        zero_code=127,
+        lowest_code=0,
+        told_codes=1.0,
+        volt_digits=7,
+        time_digits=7,
+        divisions=12,
+        record_lengths=(12000, 120000, 1200000, 12000000),  # with one channel on; of 2-channel models assumed
+        max_rate_hz=1e9,
+        tells_phase=False,  # assumed
+    ),
+    "siglent-sds": ScopeModel(
+        maker="Siglent Technologies",
+        name="SDS1104X-E",
+        bits=8,
+        zero_code=128,  # sent as 0
+        lowest_code=0,
+        told_codes=25.0,  # volts a division are told
+        volt_digits=3,
+        time_digits=3,
+        divisions=14,
+        record_lengths=(14000, 140000, 1400000, 14000000),
+        max_rate_hz=1e9,
+        tells_phase=False,
+    ),
+    "tektronix-mso": ScopeModel(
+        maker="TEKTRONIX",
+        name="MSO54",
+        bits=12,
+        zero_code=2048,  # sent as 0
+        lowest_code=0,
+        told_codes=1 / 16,
+        volt_digits=5,  # assumed, as are the next, and that 10 divisions span all codes
+        time_digits=10,
+        divisions=10,
+        record_lengths=(1000, 10000, 100000, 1000000, 10000000),
+        max_rate_hz=3.125e9,
+        tells_phase=True,  # assumed
     ),
 }
 
@@ -94,7 +153,7 @@ class ScopeSetting:
     Parameters
     ----------
     full_scale_v : float
-        Span of all 256 codes, V.
+        Span of all codes, V.
     interval_s : float
         Between samples, s.
     points : int
@@ -123,8 +182,8 @@ class ScopeRecord:
 
     Parameters
     ----------
-    codes : ndarray of uint8, shape (n,)
-        Of its converter, from 0 to 255.
+    codes : ndarray of uint16, shape (n,)
+        Of its converter, from 0.
     volts_per_count, zero_code : float
         Volts are ``(code - zero_code) volts_per_count``.
     interval_s : float
@@ -133,7 +192,7 @@ class ScopeRecord:
         Of the first sample after the trigger, s.
     """
 
-    codes: NDArray[np.uint8]
+    codes: NDArray[np.uint16]
     volts_per_count: float
     zero_code: float
     interval_s: float
@@ -173,7 +232,8 @@ def rate_of(table: DigitizerTable, preset: ReceiverSpec) -> float:
 def scope_spec(table: DigitizerTable, preset: ReceiverSpec) -> DigitizerSpec:
     """Return what an oscilloscope is as a digitizer on this bench."""
     rate_hz = rate_of(table, preset)
-    return replace(preset.digitizer, sample_rate_hz=rate_hz, bits=8, converters=1, triggers=TRIGGERS)
+    bits = SCOPES[table.driver].bits
+    return replace(preset.digitizer, sample_rate_hz=rate_hz, bits=bits, converters=1, triggers=TRIGGERS)
 
 
 def check_request(request: WindowRequest, spec: DigitizerSpec) -> None:
@@ -219,9 +279,9 @@ def window_of(
     Returns
     -------
     RangeWindow
-        Counts are codes minus 128; `saturated` counts the codes at both ends of the converter; `start_s` is
-        on the grid that was asked for, and the first sample comes ``trigger_phase_s`` of `housekeeping`
-        later: less than one interval, as far as the instrument knows.
+        Counts are codes minus half of their number; `saturated` counts the codes at both ends of the
+        converter; `start_s` is on the grid that was asked for, and the first sample comes up to an interval
+        later: ``trigger_phase_s`` of `housekeeping`, where the instrument knows it.
 
     Raises
     ------
@@ -235,7 +295,10 @@ def window_of(
             f"window of shot {request.shot}: asked for samples every {interval_s:g} s, "
             f"the record has one every {record.interval_s:g} s"
         )
-    first = math.ceil((setting.start_s - record.first_s) / interval_s - GRID_SLACK)
+    late = (record.first_s - setting.start_s) / interval_s
+    # A told time is rounded: a hair before the start is at it, a hair less than an interval late is whole.
+    at_start = -GRID_SLACK < late < 1 + GRID_SLACK
+    first = 0 if at_start else math.ceil(-late) if model.tells_phase else round(-late)
     codes = record.codes[max(first, 0) : max(first, 0) + request.sample_count]
     if first < 0 or codes.size < request.sample_count:
         raise CorruptData(
@@ -245,16 +308,17 @@ def window_of(
     lowest = int(codes.min())
     if lowest < model.lowest_code:
         raise CorruptData(f"window of shot {request.shot}: the record has samples that were never taken")
-    counts = codes.astype(np.int16) - np.int16(HALF_SPAN)
+    half = model.code_count // 2
+    counts = codes.astype(np.int16) - np.int16(half)
     counts.setflags(write=False)
     return RangeWindow(
         counts=counts,
         volts_per_count=record.volts_per_count,
-        zero_count=record.zero_code - HALF_SPAN,
+        zero_count=record.zero_code - half,
         sample_interval_s=interval_s,
         start_s=setting.start_s,
         gain_code=None,
         shot=request.shot,
-        saturated=int(np.count_nonzero((codes == model.lowest_code) | (codes == 255))),
-        housekeeping={"trigger_phase_s": record.first_s + first * interval_s - setting.start_s},
+        saturated=int(np.count_nonzero((codes == model.lowest_code) | (codes == model.top_code))),
+        housekeeping={"trigger_phase_s": (late + first) * interval_s} if model.tells_phase else {},
     )

@@ -135,11 +135,18 @@ class ScpiSession:
             self.recover()
             raise
 
-    def ask_block(self, query: str) -> bytes:
+    def ask_block(self, query: str, before: str = "") -> bytes:
         """Send one query whose answer is a definite-length block, and return what is in the block.
 
         The marked question behind it proves that nothing else was on its way. Line feeds that some
         instruments send after a block are read over.
+
+        Parameters
+        ----------
+        query : str
+            One query.
+        before : str
+            What the answer has in front of its block.
 
         Raises
         ------
@@ -151,7 +158,7 @@ class ScpiSession:
         try:
             deadline_s = self._clock.now_s() + ANSWER_TIMEOUT_S
             self._write(f"{query}\n".encode("ascii"))
-            data = self._block(deadline_s)
+            data = self._block(before.encode("ascii"), deadline_s)
             tag = self._next_tag()
             self._write(f"*ESE {tag};*ESE?\n".encode("ascii"))
             fields = [""]
@@ -251,9 +258,12 @@ class ScpiSession:
         line, _, self._rest = line.partition(b"\n")
         return _FIELD.findall(line.decode("latin-1").strip()) or [""]
 
-    def _block(self, deadline_s: float) -> bytes:
+    def _block(self, before: bytes, deadline_s: float) -> bytes:
         """Read ``#``, one digit, so many digits, and so many bytes; what follows stays unread."""
-        self._have(2, deadline_s)
+        self._have(len(before) + 2, deadline_s)
+        if not self._rest.startswith(before):
+            raise CorruptData(f"{self._name}: answer {self._rest[:_SHOWN_BYTES]!r} begins without {before!r}")
+        self._rest = self._rest[len(before) :]
         head = self._rest[:2]
         if not re.fullmatch(rb"#[1-9]", head):
             raise CorruptData(f"{self._name}: answer {self._rest[:_SHOWN_BYTES]!r} is no block")

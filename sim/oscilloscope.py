@@ -36,7 +36,7 @@ class ScopeReceiver:
     Attributes
     ----------
     full_scale_v, offset_v, interval_s : float
-        What the oscilloscope is set to: span of 256 codes, volts in the middle of the screen, time between
+        What the oscilloscope is set to: span of all codes, volts in the middle of the screen, time between
         samples.
     """
 
@@ -54,7 +54,7 @@ class ScopeReceiver:
     @property
     def zero_code(self) -> float:
         """Code of zero volts."""
-        return self.model.zero_code - self.offset_v / self.full_scale_v * 256
+        return self.model.zero_code - self.offset_v / self.full_scale_v * self.model.code_count
 
     def window(
         self,
@@ -68,24 +68,24 @@ class ScopeReceiver:
         Returns
         -------
         RangeWindow
-            Codes from 0 to 255, clipped at both ends; ``trigger_phase_s`` in `housekeeping` is when the first
+            Codes from 0, clipped at both ends; ``trigger_phase_s`` in `housekeeping` is when the first
             sample came after `start_s`.
         """
         receiver = self._sampled()
         volts = receiver.converted(stimulus, request, draws, trigger_s)
-        volts *= 256 / self.full_scale_v
+        volts *= self.model.code_count / self.full_scale_v
         np.rint(volts + self.zero_code, out=volts)
-        lowest = self.model.lowest_code
-        np.clip(volts, lowest, 255, out=volts)
+        lowest, top = self.model.lowest_code, self.model.top_code
+        np.clip(volts, lowest, top, out=volts)
         return RangeWindow(
             counts=volts.astype(np.int16),
-            volts_per_count=self.full_scale_v / 256,
+            volts_per_count=self.full_scale_v / self.model.code_count,
             zero_count=self.zero_code,
             sample_interval_s=self.interval_s,
             start_s=receiver.edges(request) * self.interval_s,
             gain_code=None,
             shot=request.shot,
-            saturated=int(np.count_nonzero((volts == lowest) | (volts == 255))),
+            saturated=int(np.count_nonzero((volts == lowest) | (volts == top))),
             housekeeping={"trigger_phase_s": draws.uniform("sampling_phase") * self.interval_s},
         )
 

@@ -79,12 +79,15 @@ class SimulatedScope:
             self._plant.clock.sleep_s(timeout_s)
             raise LinkTimeout(f"window of shot {request.shot}: no trigger came within {timeout_s:g} s")
         model = self._receiver.model
+        first_s = setting.start_s
+        if model.tells_phase:
+            first_s = told(taken.start_s + taken.housekeeping["trigger_phase_s"], model.time_digits)
         record = ScopeRecord(
-            taken.counts.astype(np.uint8),
+            taken.counts.astype(np.uint16),
             model.volts_per_count(setting.full_scale_v),
             self._receiver.zero_code,
-            taken.sample_interval_s,
-            told(taken.start_s + taken.housekeeping["trigger_phase_s"], model.time_digits),
+            setting.interval_s,
+            first_s,
         )
         return window_of(record, request, setting, model)
 

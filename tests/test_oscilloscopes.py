@@ -18,15 +18,17 @@ from belahil.errors import (
     CorruptData,
     InstrumentError,
     LimitExceeded,
+    LinkError,
     LinkTimeout,
     StaleData,
 )
 from belahil.oscilloscopes import SCOPES
 from belahil.pole_response import response
-from belahil.stimuli import NoSignal, Sine
+from belahil.stimuli import NoSignal, SampledPulse, Sine
 from belahil.values import RangeWindow, Shot, WindowRequest
 from drivers.scpi import ScpiSession
 from sim.build import endpoints
+from sim.draws import Draws
 from sim.faults import Fault, FaultPlan
 from sim.plant import PlantClock
 
@@ -58,20 +60,27 @@ def test_equal_seeds_give_equal_windows_with_and_without_a_link(driver: str) -> 
 @pytest.mark.parametrize("driver", DRIVERS)
 def test_volts_and_times_are_those_of_the_pulse(driver: str) -> None:
     # given a receiver without noise, whose trigger comes 300 ns after the generator's
-    with open_bench(config(driver, receiver=QUIET + "\nhighpass_hz = 1e4")) as bench:
-        for shot in range(5):
+    bench_file = config(driver, receiver=QUIET + "\nhighpass_hz = 1e4")
+    seed, ppm, interval_s = 5, 20e-6, 10e-9
+    with open_bench(bench_file) as bench:
+        for shot in range(4):
             # when a pulse is played
-            window = bench.measure(PULSE, WindowRequest(shot, None, 500, delay_s=4e-7)).window
-            # then each sample is what the filter makes of it at that time, to half a code and rounded numbers
-            since_s = window.housekeeping.get("trigger_phase_s", 0.0)
-            clock = 1 / (1 + 20e-6)
-            times_s = 3e-7 + (window.start_s + since_s + np.arange(500) * 10e-9) * clock
+            taken = bench.measure(PULSE, WindowRequest(shot, None, 500, delay_s=4e-7))
+            window, played = taken.window, taken.played
+            assert isinstance(played, SampledPulse)
+            # then each sample is what the filter makes of it at that time, to half a code and what the told
+            # volts are rounded
+            phase_s = Draws(seed, shot).uniform("sampling_phase") * interval_s
+            if SCOPES[driver].tells_phase:
+                assert window.housekeeping["trigger_phase_s"] == pytest.approx(phase_s, abs=1e-14)
+            assert window.start_s == pytest.approx(4e-7, abs=1e-18)
+            since_s = window.start_s + phase_s + np.arange(500) * interval_s
+            poles = butterworth.poles(19e6, 3, 1e4)
             due = 5.19 * response(
-                PULSE.volts, 50e6, PULSE.start_s, "linear", butterworth.poles(19e6, 3, 1e4), times_s, zeros=1
+                played.volts, 50e6, played.start_s, "linear", poles, 3e-7 + since_s / (1 + ppm), zeros=1
             )
             assert np.max(np.abs(due)) > 50 * window.volts_per_count
-            assert np.max(np.abs(window.volts - due)) < 0.51 * window.volts_per_count
-            assert 0 <= since_s < 10e-9
+            assert np.max(np.abs(window.volts - due)) < 0.502 * window.volts_per_count
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
@@ -81,15 +90,17 @@ def test_clipped_samples_are_counted_at_both_ends(driver: str) -> None:
         window = bench.measure(Sine(1.0377e6, 0.1), WindowRequest(0, None, 10000)).window
     # then what is beyond the last but half a code at either end is clipped: an arc cosine of the samples
     model = SCOPES[driver]
-    top, bottom = 254.5 - model.zero_code, model.zero_code - model.lowest_code - 0.5
-    due = (np.arccos(top / 259.5) + np.arccos(bottom / 259.5)) / np.pi
+    top, bottom = model.top_code - 0.5 - model.zero_code, model.zero_code - model.lowest_code - 0.5
+    peak = 259.5e-3 / 0.256 * model.code_count
+    due = (np.arccos(top / peak) + np.arccos(bottom / peak)) / np.pi
     ends = window.counts == window.counts.min(), window.counts == window.counts.max()
     assert window.saturated == np.count_nonzero(ends[0]) + np.count_nonzero(ends[1])
     assert window.saturated / 10000 == pytest.approx(due, abs=2e-3)
     assert all(2000 < np.count_nonzero(end) < 5000 for end in ends)
-    assert (window.counts.min(), window.counts.max()) == (SCOPES[driver].lowest_code - 128, 127)
-    # and counts lie about zero, with the volts that the preamble tells
-    assert window.volts_per_count == pytest.approx(1e-3, rel=5e-3)
+    half = model.code_count // 2
+    assert (window.counts.min(), window.counts.max()) == (model.lowest_code - half, half - 1)
+    # and counts lie about zero, with the volts that are told
+    assert window.volts_per_count == pytest.approx(0.256 / model.code_count, rel=5e-3)
 
 
 @pytest.mark.parametrize("kind", ["simulated", "emulated"])
@@ -169,7 +180,7 @@ def test_no_fault_of_the_link_gives_a_wrong_window(driver: str, kind: str, direc
     # when one message of it goes wrong, for messages from the first to the last
     chance = random.Random(f"{driver}{kind}{direction}")
     outcomes = 0
-    for at in sorted(chance.sample(range(total - 1), 12)):
+    for at in sorted(chance.sample(range(total - 1), 5)):
         plan = FaultPlan([Fault("visa", direction, kind, at, seed=at)])  # type: ignore[arg-type]
         found = _measured(driver, plan)
         plan.require_fired()
@@ -180,34 +191,52 @@ def test_no_fault_of_the_link_gives_a_wrong_window(driver: str, kind: str, direc
                 assert same(shot.window, right.window), (kind, direction, at)
                 outcomes += 1
     # and the bench got over most of them by itself
-    assert outcomes > 0.8 * 12 * len(reference)
+    assert outcomes > 0.6 * 5 * len(reference)
 
 
 class Panel:
     """An oscilloscope with somebody at its panel, who interferes when a message says what they wait for."""
 
-    def __init__(self, device: object, waits_for: bytes, does: bytes, instead: bool = False) -> None:
+    def __init__(self, device: object, waits_for: bytes, does: bytes, when: str) -> None:
         self._device = device
-        self._waits_for, self._does, self._instead = waits_for, does, instead
+        self._waits_for, self._does, self._when = waits_for, does, when
         self.done = 0
 
     def write(self, data: bytes, end: bool = True) -> None:
-        if self._waits_for not in data:
-            self._device.write(data, end)  # type: ignore[attr-defined]
-            return
-        self.done += 1
-        if not self._instead:
-            self._device.write(data, end)  # type: ignore[attr-defined]
-        if self._does:
-            self._device.write(self._does, True)  # type: ignore[attr-defined]
+        messages = [data]
+        if self._waits_for in data:
+            self.done += 1
+            messages = {
+                "before": [self._does, data],
+                "after": [data, self._does],
+                "instead": [self._does],
+            }[self._when]
+        for message in filter(None, messages):
+            self._device.write(message, end)  # type: ignore[attr-defined]
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._device, name)
 
 
-# A word that starts an acquisition, and what stops it, by driver.
+# What starts, forces and stops an acquisition, marks a shot, and asks for data, by driver.
 WORDS = {
-    "keysight-infiniivision": (b":SING\n", b":TRIG:FORC\n", b":STOP\n", b':CHAN1:LAB "S7"\n', b":WAV:DATA?"),
+    "keysight-infiniivision": (b":SING", b":TRIG:FORC", b":STOP\n", b':CHAN1:LAB "S7"\n', b":WAV:DATA?"),
+    "rigol-ds1000z": (b":SING", b":TFOR", b":STOP\n", b":TRIG:SPI:DATA 7\n", b":WAV:DATA?"),
+    "siglent-sds": (b"TRMD SINGLE", b"FRTR", b"STOP\n", b"", b"WF?"),
+    "tektronix-mso": (
+        b":ACQ:STATE RUN",
+        b":TRIG FORC",
+        b":ACQ:STATE STOP\n",
+        b':CH1:LAB:NAM "SHOT 7"\n',
+        b":CURV?",
+    ),
+}
+# The time base, halved in pace by hand: the name of a setting, and its factor.
+KNOBS = {
+    "keysight-infiniivision": ("span_s", 2),
+    "rigol-ds1000z": ("scale_s", 2),
+    "siglent-sds": ("division_s", 2),
+    "tektronix-mso": ("rate_hz", 0.5),
 }
 
 
@@ -215,17 +244,19 @@ WORDS = {
 def test_an_old_record_is_never_taken_for_a_new_one(driver: str) -> None:
     start, force, stop, mark, data = WORDS[driver]
     request = WindowRequest(3, None, 400)
-    for waits_for, does, instead, kind, said in (
+    for waits_for, does, when, kind, said in (
         # given an oscilloscope that does not start, or is stopped by hand before its trigger comes
-        (start, b"", True, LinkTimeout, "does not say that it is armed"),
-        (force, stop, True, InstrumentError, "stopped without a trigger|no trigger came"),
-        (start, stop, False, InstrumentError, "stopped without a trigger|no trigger came|does not say"),
+        (start, b"", "instead", LinkTimeout, "does not say that it is armed"),
+        (force, stop, "instead", LinkError, "stopped without a trigger|no trigger came|1 questions"),
+        (start, stop, "after", LinkError, "stopped without a trigger|no trigger came|does not say"),
         # or one that another client arms and marks in between
-        (data, mark, False, StaleData, "window of shot 3: the oscilloscope is marked"),
+        (data, mark, "before", StaleData, "window of shot 3: the oscilloscope is marked"),
     ):
+        if kind is StaleData and not mark:
+            continue  # Siglent's mark cannot be read back.
         panels = []
 
-        def with_panel(ends: object, words=(waits_for, does, instead), panels=panels) -> Panel:  # type: ignore[no-untyped-def]
+        def with_panel(ends: object, words=(waits_for, does, when), panels=panels) -> Panel:  # type: ignore[no-untyped-def]
             panels.append(Panel(device_of(ends), *words))  # type: ignore[arg-type]
             return panels[0]
 
@@ -253,7 +284,8 @@ def test_settings_that_are_changed_by_hand_are_found_in_the_record(driver: str) 
         assert before.shot == 10
         # when somebody turns the knob of the time base, then the next window is refused at first, and the
         # second attempt sets everything again
-        device[0].span_s *= 2
+        name, factor = KNOBS[driver]
+        setattr(device[0], name, getattr(device[0], name) * factor)
         shot = bench.measure(*SCRIPT[0])
         assert shot.attempt == 2
         assert same(shot.window, before)

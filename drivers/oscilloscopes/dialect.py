@@ -14,14 +14,21 @@ if TYPE_CHECKING:
 
 READ_BACK_TOLERANCE = 1e-3
 """Relative; what the instrument rounded counts in its preamble all the same."""
+_ALMOST_ZERO = 1e-12
 
 
 class Item(NamedTuple):
-    """A command, the question that reads it back, and what that has to answer."""
+    """A command, the question that reads it back (empty: none does), and what that has to answer."""
 
     command: str
     query: str
     expected: str | float
+    tolerance: float = READ_BACK_TOLERANCE
+
+
+def item(header: str, value: str | float) -> Item:
+    """Return the usual form of an item: the header with the value, and the header with a question mark."""
+    return Item(f"{header} {value if isinstance(value, str) else repr(value)}", f"{header}?", value)
 
 
 class ScopeDialect(Protocol):
@@ -46,7 +53,13 @@ class ScopeDialect(Protocol):
         ...
 
     def forget(self, session: ScpiSession) -> None:
-        """Empty the registers that tell of earlier acquisitions."""
+        """Empty the registers that tell of earlier acquisitions.
+
+        Raises
+        ------
+        StaleData
+            The instrument has not stopped.
+        """
         ...
 
     def is_armed(self, session: ScpiSession) -> bool:
@@ -74,14 +87,12 @@ class ScopeDialect(Protocol):
         ...
 
 
-def agrees(answer: str, expected: str | float) -> bool:
+def agrees(answer: str, sent: Item) -> bool:
     """Tell whether a setting that was read back is the one that was sent."""
-    if isinstance(expected, str):
-        return answer.strip().upper() == expected.upper()
+    if isinstance(sent.expected, str):
+        return answer.strip().upper() == sent.expected.upper()
     try:
-        return math.isclose(
-            float(answer), expected, rel_tol=READ_BACK_TOLERANCE, abs_tol=READ_BACK_TOLERANCE * 1e-9
-        )
+        return math.isclose(float(answer), sent.expected, rel_tol=sent.tolerance, abs_tol=_ALMOST_ZERO)
     except ValueError:
         return False
 

@@ -13,9 +13,11 @@ import numpy as np
 
 from belahil.errors import CorruptData, StaleData
 from belahil.oscilloscopes import SCOPES, ScopeRecord
-from drivers.oscilloscopes.dialect import Item, numbers
+from drivers.oscilloscopes.dialect import Item, item, numbers
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from belahil.oscilloscopes import ScopeSetting
     from drivers.scpi import ScpiSession
 
@@ -39,28 +41,28 @@ class InfiniiVisionDialect:
         """Return all that has to be set for a record; input resistance and coupling of the trigger stay."""
         span_s = setting.points * setting.interval_s
         return (
-            _item(":CHAN1:DISP", "1"),
-            _item(":CHAN1:PROB", 1.0),
-            _item(":CHAN1:COUP", "DC"),
-            _item(":CHAN1:BWL", "0"),
-            _item(":CHAN1:RANG", setting.full_scale_v),
-            _item(":CHAN1:OFFS", 0.0),
-            _item(":TIM:MODE", "MAIN"),
-            _item(":TIM:REF", "CENT"),
-            _item(":TIM:RANG", span_s),
-            _item(":TIM:POS", setting.start_s + span_s / 2),
-            _item(":TRIG:MODE", "EDGE"),
-            _item(":TRIG:SWE", "NORM"),
-            _item(":TRIG:EDGE:SOUR", "EXT"),
-            _item(":TRIG:EDGE:SLOP", "POS"),
-            _item(":EXT:LEV", TRIGGER_LEVEL_V),
-            _item(":ACQ:TYPE", "NORM"),
-            _item(":WAV:SOUR", "CHAN1"),
-            _item(":WAV:FORM", "WORD"),
-            _item(":WAV:BYT", "LSBF"),
-            _item(":WAV:UNS", "1"),
-            _item(":WAV:POIN:MODE", "RAW"),
-            _item(":WAV:POIN", float(setting.points)),
+            item(":CHAN1:DISP", "1"),
+            item(":CHAN1:PROB", 1.0),
+            item(":CHAN1:COUP", "DC"),
+            item(":CHAN1:BWL", "0"),
+            item(":CHAN1:RANG", setting.full_scale_v),
+            item(":CHAN1:OFFS", 0.0),
+            item(":TIM:MODE", "MAIN"),
+            item(":TIM:REF", "CENT"),
+            item(":TIM:RANG", span_s),
+            item(":TIM:POS", setting.start_s + span_s / 2),
+            item(":TRIG:MODE", "EDGE"),
+            item(":TRIG:SWE", "NORM"),
+            item(":TRIG:EDGE:SOUR", "EXT"),
+            item(":TRIG:EDGE:SLOP", "POS"),
+            item(":EXT:LEV", TRIGGER_LEVEL_V),
+            item(":ACQ:TYPE", "NORM"),
+            item(":WAV:SOUR", "CHAN1"),
+            item(":WAV:FORM", "WORD"),
+            item(":WAV:BYT", "LSBF"),
+            item(":WAV:UNS", "1"),
+            item(":WAV:POIN:MODE", "RAW"),
+            item(":WAV:POIN", float(setting.points)),
         )
 
     def mark(self, shot: int) -> Item:
@@ -107,16 +109,12 @@ class InfiniiVisionDialect:
         )
 
 
-def _codes(words: np.ndarray[tuple[int], np.dtype[np.uint16]]) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
-    codes = words >> 8
+def _codes(words: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    codes = words >> np.uint16(8)
     codes[words == _CLIPPED_BELOW] = 1
     finer = (words & 0xFF != 0) & (words != _CLIPPED_BELOW) & (words != _CLIPPED_ABOVE)
     if finer.any():
         raise CorruptData(
             f"word {int(words[finer][0])} of a waveform: the words of an 8-bit converter are multiples of 256"
         )
-    return codes.astype(np.uint8)
-
-
-def _item(header: str, value: str | float) -> Item:
-    return Item(f"{header} {value if isinstance(value, str) else repr(value)}", f"{header}?", value)
+    return codes.astype(np.uint16)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Protocol
 
 from belahil.values import WindowRequest
 from sim.devices.scpi import ScpiDevice
+from sim.devices.scpi.parameters import Choices
+from sim.devices.scpi.parser import Token
 
 if TYPE_CHECKING:
     from belahil.oscilloscopes import ScopeModel
@@ -78,7 +81,7 @@ class ScopeDevice(ScpiDevice):
 
     def start(self, at_once: bool = False) -> None:
         """Wait for a trigger in place of any before, or take a record at once."""
-        self.stop()
+        self.halt()
         full_scale_v, offset_v, interval_s, start_s, points = self.view()
         front = self._front
         front.full_scale_v, front.offset_v, front.interval_s = full_scale_v, offset_v, interval_s
@@ -96,7 +99,7 @@ class ScopeDevice(ScpiDevice):
         if self.record() is None and self.is_armed:
             self.start(at_once=True)
 
-    def stop(self) -> None:
+    def halt(self) -> None:
         """Wait no longer; what was taken stays."""
         self.record()
         self._port.abort()
@@ -110,6 +113,18 @@ class ScopeDevice(ScpiDevice):
             self._taken += 1
             self.acquired()
         return self._record
+
+
+_CHANNEL = re.compile(r"CHAN(?:NEL)?([1-4])", re.IGNORECASE)
+
+
+class Sources(Choices):
+    """Words for what is acquired or triggers: channels by number, in both forms, and other words."""
+
+    def read(self, token: Token) -> str:
+        """Return the short form of what was sent."""
+        found = _CHANNEL.fullmatch(token.text)
+        return f"CHAN{found[1]}" if found and token.kind == "character" else super().read(token)
 
 
 def block(data: bytes, digits: int | None = None) -> str:

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim.devices.generator_settings import Number, Switch, Word
-from sim.devices.oscilloscopes.acquisition import ScopeDevice, ScopeFront, ScopePort, block
+from sim.devices.oscilloscopes.acquisition import ScopeDevice, ScopeFront, ScopePort, Sources, block
 from sim.devices.scpi.numeric import SECOND, VOLT, read_number
 from sim.devices.scpi.parameters import Choices, read_name
-from sim.devices.scpi.parser import Token
 from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call
 
@@ -31,19 +30,7 @@ RUN_BIT = 1 << 3
 DIVISIONS = 8
 LONGEST_LABEL = 10
 _SHOT = re.compile(r"SHOT (\d+)|S(\d+)")
-_CHANNEL = re.compile(r"CHAN(?:NEL)?([1-4])", re.IGNORECASE)
 _EDGE = Choices("POSitive", "NEGative", "EITHer", "ALTernate")
-
-
-class Sources(Choices):
-    """Words for what is acquired or triggers: channels by number, in both forms, and other words."""
-
-    def read(self, token: Token) -> str:
-        """Return the short form of what was sent."""
-        found = _CHANNEL.fullmatch(token.text)
-        return f"CHAN{found[1]}" if found and token.kind == "character" else super().read(token)
-
-
 _SOURCES = Sources("EXTernal", "LINE", "WGEN")
 
 _SETTINGS = (
@@ -107,7 +94,7 @@ class InfiniiVision(ScopeDevice):
 
     def reset(self) -> None:
         """Bring all settings to their defaults and stop."""
-        self.stop()
+        self.halt()
         self._set_defaults()
 
     def shot(self) -> int | None:
@@ -134,7 +121,7 @@ class InfiniiVision(ScopeDevice):
         self.force()
 
     def _stop(self, call: Call) -> None:
-        self.stop()
+        self.halt()
 
     def _take_armed(self, call: Call) -> str:
         taken, self.armed_event = self.armed_event, False
@@ -202,7 +189,7 @@ class InfiniiVision(ScopeDevice):
         words = (codes.astype(np.int32) * 256) & 0xFFFF
         if self.unsigned:
             words[record.counts == self.model.lowest_code] = 1
-            words[record.counts == 255] = 0xFFFF
+            words[record.counts == self.model.top_code] = 0xFFFF
         return block(words.astype("<u2" if self.byte_order == "LSBF" else ">u2").tobytes(), 8)
 
     def _add_commands(self) -> None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from sim.devices.scpi.parser import Token
 from sim.devices.scpi.status import ScpiError
 
-_PATTERN_NODE = re.compile(r"(\[)?:?([A-Za-z][A-Za-z0-9]*)(#)?:?\]?")
+_PATTERN_NODE = re.compile(r"(\[)?:?([A-Za-z][A-Za-z0-9_]*)(#)?:?\]?")
 _HEADER = re.compile(r"(:?)([A-Z][A-Z0-9_]*(?::[A-Z][A-Z0-9_]*)*)(\??)")
 _COMMON = re.compile(r"(\*[A-Z]+)(\??)")
 _LONGEST_MNEMONIC = 12
