@@ -11,6 +11,7 @@ generator does wrong, beyond the bandwidth that the bench file tells, is in the 
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -98,8 +99,8 @@ def twin_of(
             "a twin of a run without any gain code that has a gain, a cut-off and a whole order"
         )
     told: list[str] = []
-    bent, small = _small_signal(results["small_signal"], told)
-    fits = [_fit(row, bent) for row in whole]
+    small = _small_signal(results["small_signal"], told)
+    fits = [_fit(row, small, results.get("gain_by_amplitude", ())) for row in whole]
     receiver = EmulatedReceiver(
         cutoff_hz=_mean([fit["cutoff"] for fit in fits], "cutoff_hz", told),
         order=_order(whole, told),
@@ -118,7 +119,7 @@ def twin_of(
             "noise_rms_v_by_code",
             told,
         ),
-        small_signal=small,
+        small_signal=small or SmallSignal(),
         # An oscilloscope's converter is no part of the receiver: its bench file says it.
         adc_full_scale_v=None if is_scope else volts_per_count * 2**spec.bits,
         adc_bits=None if is_scope else spec.bits,
@@ -150,26 +151,44 @@ def _refuse_other(spec: DigitizerSpec, its: DigitizerSpec, name: str) -> None:
         )
 
 
-def _small_signal(told_of_all: Mapping[str, Any], told: list[str]) -> tuple[bool, SmallSignal]:
-    """Return whether the receiver is bent, and how; what is not significant is left out."""
+def _small_signal(told_of_all: Mapping[str, Any], told: list[str]) -> SmallSignal | None:
+    """Return how the receiver is bent; None where it is not, as far as its uncertainties tell."""
     status = told_of_all["status"]
     # "inconsistent" codes have a mean all the same, with an uncertainty that is widened for it.
     if status not in ("ok", "inconsistent"):
         told.append(f"small_signal: none ({status})")
-        return False, SmallSignal()
+        return None
     cubic, dead = told_of_all["cubic_per_v2"], told_of_all["deadband_v"]
     said = "" if status == "ok" else f" ({status}: gain codes differ by more than chance)"
     told.append(
         f"small_signal: cubic term {_text(cubic)}, dead zone {_text(dead)}{said}"
         + ("; a negative dead zone cannot be emulated, it is 0" if dead["value"] < 0 else "")
     )
-    return True, SmallSignal(cubic_per_v2=cubic["value"], deadband_v=max(0.0, dead["value"]))
+    return SmallSignal(cubic_per_v2=cubic["value"], deadband_v=max(0.0, dead["value"]))
 
 
-def _fit(row: dict[str, Any], bent: bool) -> dict[str, Any]:
-    """Return gain, cut-off and high-pass of a code: of its linear part where the receiver is bent."""
+def _fit(
+    row: dict[str, Any], small: SmallSignal | None, by_amplitude: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """Return gain, cut-off and high-pass of a code: of its linear part where the receiver is bent.
+
+    All codes of a twin share one bend. A code whose own fit says a little otherwise keeps its measured gains
+    by amplitude, so its gain for small signals moves against the bend.
+    """
     fit: dict[str, Any] = row.get("small_signal") or {}
-    return fit if bent and fit.get("gain") and fit.get("cutoff") else row
+    if small is None or not (fit.get("gain") and fit.get("cutoff")):
+        return row
+    own = SmallSignal(fit["cubic_per_v2"]["value"], fit["deadband_v"]["value"])
+    mine = [one for one in by_amplitude if one["code"] == row["code"] and one["sine_fit"]["value"] > 0]
+    weights = [one["sine_fit"]["standard_uncertainty"] ** -2 for one in mine]
+    ratios = [_kept(one["amplitude_vpp"] / 2, own) / _kept(one["amplitude_vpp"] / 2, small) for one in mine]
+    moved = math.fsum(map(operator.mul, weights, ratios)) / math.fsum(weights) if mine else 1.0
+    return fit | {"gain": fit["gain"] | {"value": fit["gain"]["value"] * moved}}
+
+
+def _kept(peak_v: float, small: SmallSignal) -> float:
+    """Part of a sine that is left of it, to first order in dead zone and cubic term."""
+    return 1 - 4 / math.pi * small.deadband_v / peak_v + 0.75 * small.cubic_per_v2 * peak_v**2
 
 
 def _order(whole: Sequence[dict[str, Any]], told: list[str]) -> int:

@@ -728,7 +728,11 @@ def test_a_bench_in_order_is_checked(capsys: Captured, closed: list[str], link: 
     assert main(["bench", "check", "--address", kind, "--link", link]) == 0
     out = capsys.readouterr().out
     assert "generator: Agilent Technologies,33522B" in out
-    assert "gain 5.19 (preset bela-grm: 5.19)" in out
+    (sine,) = [line for line in out.splitlines() if line.startswith("gain ")]
+    assert "preset bela-grm: 5.190(52) (assumed to 1 %)" in sine
+    assert float(sine[5:].partition("(")[0]) == pytest.approx(5.19, rel=1e-3)
+    assert "trigger by the generator: a pulse of 15 mV and 100 ns is in 3 of 3 windows" in out
+    assert "the pulses come" not in out
     assert closed == [kind]
 
 

@@ -60,7 +60,7 @@ def show(file: str | None, bench: str | None) -> int:
     return 0
 
 
-@command.command("check", short_help="Do the instruments answer?")
+@command.command("check", short_help="Do the instruments answer, do sine and pulse come back?")
 @click.argument("file", required=False, metavar="[FILE|emulated|simulated|replay:FILE]")
 @click.option("--bench", metavar="FILE|emulated|simulated|replay:FILE", help="The same as FILE.")
 @click.option("--address", help="Generator, in place of the bench file's.")
@@ -71,23 +71,42 @@ def show(file: str | None, bench: str | None) -> int:
     metavar="N",
     help="Seed of the emulation, in place of [emulation] seed.",
 )
+@click.option(
+    "--receiver",
+    type=click.Path(path_type=Path),
+    metavar="RUN",
+    help="Compare with this run of characterize in place of the preset.",
+)
 def check(
-    file: str | None, bench: str | None, address: str | None, link: str | None, seed: int | None
+    file: str | None,
+    bench: str | None,
+    address: str | None,
+    link: str | None,
+    seed: int | None,
+    receiver: Path | None,
 ) -> int:
-    """Ask both instruments who they are, and play a sine through the receiver.
+    """Ask both instruments who they are, measure noise, a sine and pulses, and say a line for each.
 
     The bench is the emulated one when FILE is left out.
-    Status 3 when an instrument does not answer or the sine does not come back.
+    Status 3 when an instrument does not answer, or the sine or a pulse does not come back where it should.
+    Status 1 when the gain is not that of --receiver.
     """
     from belahil.bench import open_bench
     from belahil.cli.bench_tried import tried
     from belahil.config import load_bench
 
     config = _placed(load_bench(_one_of(file, bench) or "emulated"), address, link)
+    known = None
+    if receiver is not None:
+        from procedures.known_receiver import characterized_receiver
+
+        known = characterized_receiver(receiver)
+    agrees = True
     with closing(open_bench(config, seed=seed)) as opened:
-        for line in tried(opened):
-            print(line, flush=True)
-    return 0
+        for fact in tried(opened, known):
+            print(fact.line, flush=True)
+            agrees &= fact.agrees
+    return 0 if agrees else 1
 
 
 @command.command("twin", short_help="Make an emulated bench of what a run measured.")
