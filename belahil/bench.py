@@ -11,8 +11,6 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from belahil import config as configuration
 from belahil.clock import SystemClock
 from belahil.errors import (
@@ -353,7 +351,7 @@ def open_bench(
     config = bench if isinstance(bench, configuration.BenchConfig) else configuration.load_bench(bench)
     configuration.check_bench(config)
     if seed is not None:
-        config = _seeded(config, seed)
+        config = configuration.seeded(config, seed)
     if record is not None and config.source in ("simulated", "replay"):
         raise RefusedInput(f"--record {record}: the bench is {config.source} and has no links to record")
     # By name: belahil imports neither drivers nor sim, and a bench loads only what it needs.
@@ -368,14 +366,6 @@ def open_bench(
         raise
     endpoints.links.note("instruments", opened.identities)
     return opened
-
-
-def _seeded(config: BenchConfig, seed: int) -> BenchConfig:
-    if seed < 0:
-        raise RefusedInput(f"--seed {seed}: must not be negative")
-    if config.source == "replay" and seed != config.emulation.seed:
-        raise RefusedInput(f"--seed {seed}: a recording keeps its own seed; leave it out")
-    return msgspec.structs.replace(config, emulation=msgspec.structs.replace(config.emulation, seed=seed))
 
 
 def _endpoints(config: BenchConfig, record: str | Path | None) -> Endpoints:

@@ -10,9 +10,10 @@ import math
 from typing import Annotated, Literal
 
 from msgspec import Meta, field
+from msgspec.structs import replace
 
 from belahil import strict_toml
-from belahil.errors import ConfigError
+from belahil.errors import ConfigError, RefusedInput
 from belahil.generators import DEFAULT_MODEL, FAMILIES, MODELS
 from belahil.oscilloscopes import SCOPES, check_scope
 from belahil.receiver import RECEIVERS, ReceiverSpec, receiver_preset
@@ -236,6 +237,21 @@ def load_bench(name: str) -> BenchConfig:
 
         return read_session(name.removeprefix(REPLAY)).config
     return parse_bench(strict_toml.read(name, "bench file"), name)
+
+
+def seeded(config: BenchConfig, seed: int, option: str = "--seed") -> BenchConfig:
+    """Return a bench with another seed of the emulation; `option` is what the user typed.
+
+    Raises
+    ------
+    RefusedInput
+        The seed is negative, or not that of a recording.
+    """
+    if seed < 0:
+        raise RefusedInput(f"{option} {seed}: must not be negative")
+    if config.source == "replay" and seed != config.emulation.seed:
+        raise RefusedInput(f"{option} {seed}: a recording keeps its own seed; leave it out")
+    return replace(config, emulation=replace(config.emulation, seed=seed))
 
 
 def parse_bench(text: str, name: str = "bench file") -> BenchConfig:

@@ -277,3 +277,10 @@ def _replaying(config: BenchConfig, path: Path, seed: int | None) -> BenchConfig
         digitizer=replace(config.digitizer, link=place),
         emulation=EmulationTable() if seed is None else EmulationTable(seed=seed),
     )
+
+
+def recorded_session(config: BenchConfig) -> RecordedSession | None:
+    """Return what the recording that a bench replays tells of itself; None for any other bench."""
+    if config.source != "replay":
+        return None
+    return read_session(config.generator.address.removeprefix(REPLAY))

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from small_run import INSTRUMENTS, begin, made, measure, outcome, requested
 
-from belahil.cli.circumstances import conditions, not_modelled
+from belahil.circumstances import conditions, not_modelled
 from belahil.config import BenchConfig, DigitizerTable, GeneratorTable, LimitsTable, parse_bench
 from belahil.errors import RefusedInput, StorageError
 from belahil.run import Run

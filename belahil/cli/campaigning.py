@@ -153,7 +153,7 @@ def _compute(plan: CampaignPlan, run: CampaignRun, place: Place) -> None:
 
 
 def _finish(procedure: Any, plan: CampaignPlan, run: CampaignRun, quiet: bool) -> dict[str, Any]:
-    from belahil.cli.circumstances import left_out
+    from belahil.circumstances import left_out
 
     if not quiet:
         print("analysing", file=sys.stderr, flush=True)

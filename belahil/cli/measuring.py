@@ -7,7 +7,7 @@ import sys
 import time
 import traceback
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,12 @@ from typing import TYPE_CHECKING, Any
 from belahil.cli import replaying, signals
 from belahil.cli.progress import shown
 from belahil.errors import BelahilError, RefusedInput
+from belahil.procedure_run import (
+    claimed_source,
+    log_dropped,
+    typed_options,
+    with_receiver,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -66,7 +72,7 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path | 
     """
     from belahil.run_folder import read_json
 
-    chosen = _with_receiver(chosen)
+    chosen = with_receiver(chosen)
     if given.resume is not None:
         summary, folder = _measure_on(job, given, given.resume)
     elif windows is not None:
@@ -85,16 +91,6 @@ def perform(job: Job, given: Common, chosen: Mapping[str, Any], windows: Path | 
     return 0 if summary["verdict"] in ("pass", "none") else 1
 
 
-def _with_receiver(chosen: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the options with what a characterization found, as plain values, as a resumed run reads them."""
-    folder = chosen.get("receiver")
-    if folder is None:
-        return chosen
-    from procedures.known_receiver import characterized_receiver
-
-    return {**chosen, "receiver": asdict(characterized_receiver(folder))}
-
-
 def _not_passed(folder: Path) -> list[str]:
     """Tell each limit that failed or is undecided, and for which values."""
     from belahil.run_folder import read_json
@@ -109,6 +105,7 @@ def _not_passed(folder: Path) -> list[str]:
 def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[dict[str, Any], Path]:
     from belahil.bench import open_bench
     from belahil.config import load_bench
+    from belahil.recording import recorded_session
     from belahil.run_folder import refuse_used
 
     folder = given.out or dated(job.procedure)
@@ -116,7 +113,7 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
     replaying.check_record(given.record, folder)
     procedure = _module(job)
     config = load_bench(given.bench or "emulated")
-    session = replaying.recorded_session(config)
+    session = recorded_session(config)
     options = _options(procedure, job, replaying.filled(session, job.procedure, chosen))
     differs = replaying.differing(session, job.procedure, asdict(options))
     with ExitStack() as stack:
@@ -148,7 +145,7 @@ def _begun(
         session.seed if session else seed,
         plan=plan.as_json(),
         instruments=bench.identities,
-        source=_source(bench),
+        source=claimed_source(bench),
         digitizer=bench.spec,
     )
     if session is not None:
@@ -249,19 +246,7 @@ def dated(procedure: str) -> Path:
 
 
 def _options(procedure: Any, job: Job, told: Mapping[str, Any]) -> Any:
-    from msgspec import convert
-
-    kind = getattr(procedure, job.options_type)
-    strangers = told.keys() - {field.name for field in fields(kind)}
-    if strangers:
-        raise TypeError(f"{job.options_type} has no {', '.join(sorted(strangers))}")
-    return convert({key: value for key, value in told.items() if value is not None}, kind)
-
-
-def _source(bench: Bench) -> str:
-    """Tell emulated instruments behind a real address by the name that they give themselves."""
-    named = " ".join(bench.identities.values()).lower()
-    return "emulated" if bench.source == "hardware" and "emulat" in named else bench.source
+    return typed_options(getattr(procedure, job.options_type), told)
 
 
 def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -> None:
@@ -275,11 +260,7 @@ def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -
 
             procedure.measure(bench, run, plan, kept)
     finally:
-        dropped = bench.link_counts
-        if dropped.damaged or dropped.stale:
-            run.log(
-                f"the receiver's link dropped {dropped.damaged} damaged and {dropped.stale} stale packets"
-            )
+        log_dropped(run, bench)
     signals.check()
     if run.measured:
         each_ms = 1e3 * (time.monotonic() - begun) / run.measured
@@ -293,7 +274,7 @@ def _measure(procedure: Any, bench: Bench, run: Run, plan: Any, given: Common) -
 
 
 def _finish(procedure: Any, job: Job, run: Run, plan: Any, given: Common) -> dict[str, Any]:
-    from belahil.cli.circumstances import conditions, not_modelled
+    from belahil.circumstances import conditions, not_modelled
     from belahil.verdict import not_judged
 
     def tell(step: str) -> None:

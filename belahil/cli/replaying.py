@@ -13,18 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from belahil.cli.options import Common
-    from belahil.config import BenchConfig
     from belahil.recording import RecordedSession
-
-
-def recorded_session(config: BenchConfig) -> RecordedSession | None:
-    """Return what the recording that a bench replays tells of itself; None for any other bench."""
-    if config.source != "replay":
-        return None
-    from belahil.config import REPLAY
-    from belahil.recording import read_session
-
-    return read_session(config.generator.address.removeprefix(REPLAY))
 
 
 def check_record(record: Path | None, folder: Path) -> None:

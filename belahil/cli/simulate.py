@@ -49,7 +49,7 @@ def command(
     """
     from msgspec import structs
 
-    from belahil.cli.circumstances import left_out
+    from belahil.circumstances import left_out
     from belahil.cli.measuring import dated
     from belahil.cli.progress import shown
     from belahil.provenance import command_line

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from belahil.cli.replaying import recorded_session
+from belahil.recording import recorded_session
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

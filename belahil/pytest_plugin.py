@@ -1,0 +1,312 @@
+"""pytest plugin: a bench as a fixture, procedures as tests, runs as artefacts.
+
+Everything but pytest is imported where it is used, so that a project that uses none of it pays nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from belahil.bench import Bench
+    from belahil.config import BenchConfig
+    from belahil.procedure_run import ProcedureRun
+
+_BENCH: pytest.StashKey[BenchConfig] = pytest.StashKey()
+_OPEN: pytest.StashKey[list[Bench]] = pytest.StashKey()
+_FIXTURES = {"bench_config", "belahil_run"}
+_PROPERTY = re.compile(r"belahil_(?P<procedure>[\w-]+)_(?P<what>verdict|folder)")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--bench``, ``--belahil-seed``, ``--belahil-out`` and the key ``belahil_bench``."""
+    group = parser.getgroup("belahil", "belahil: receivers of laser altimeters")
+    words: dict[str, Any] = {
+        "dest": "belahil_bench",
+        "metavar": "FILE|emulated|simulated|replay:FILE",
+        "help": "The bench of the tests; that of the key belahil_bench, or emulated, when left out.",
+    }
+    try:
+        group.addoption("--bench", "--belahil-bench", **words)
+    except (ValueError, argparse.ArgumentError):  # another plugin has it: the long name is left
+        group.addoption("--belahil-bench", **words)
+    group.addoption(
+        "--belahil-seed", type=int, metavar="N", help="Seed of the emulation, in place of [emulation] seed."
+    )
+    group.addoption(
+        "--belahil-out",
+        metavar="DIR",
+        help="Where run folders are kept; pytest's temporary directory when left out.",
+    )
+    parser.addini("belahil_bench", "bench of the tests: a file beside this one, or a name", default="")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the marker, and refuse a bench that cannot be used before any test runs."""
+    config.addinivalue_line("markers", "hardware: needs real instruments; skipped on any other bench")
+    if _named(config) or config.getoption("belahil_seed") is not None:
+        _bench_config(config)
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """Say which bench was asked for, if any was."""
+    if not _named(config):
+        return None
+    bench = _bench_config(config)
+    seed = "" if bench.source == "hardware" else f", seed {bench.emulation.seed}"
+    return f"belahil: bench {_named(config)} ({bench.source}{seed})"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Skip what needs real instruments where there are none.
+
+    A project may have a marker of the same name for other instruments. Its tests are left alone unless they
+    use a bench, or one is named.
+    """
+    marked = [item for item in items if item.get_closest_marker("hardware")]
+    if marked and not _named(config):
+        theirs = len([line for line in config.getini("markers") if re.match(r"hardware\b", line)]) > 1
+        marked = [item for item in marked if not theirs or _FIXTURES & set(getattr(item, "fixturenames", ()))]
+    if marked and (source := _bench_config(config).source) != "hardware":
+        reason = f"needs real instruments, and the bench is {source}: name theirs with --bench FILE"
+        for item in marked:
+            item.add_marker(pytest.mark.skip(reason=reason))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Name each run folder with its verdict, also those of tests that passed."""
+    # The reports of one test's phases each carry all its properties.
+    runs = dict.fromkeys(
+        (report.nodeid, *run)
+        for reports in terminalreporter.stats.values()
+        for report in reports
+        for run in _runs(getattr(report, "user_properties", ()))
+    )
+    if runs:
+        terminalreporter.section("belahil runs")
+        for _, procedure, verdict, folder in runs:
+            terminalreporter.line(f"{procedure}: {verdict} {folder}")
+
+
+def _runs(properties: Sequence[tuple[str, object]]) -> Iterator[tuple[str, str, str]]:
+    """Yield procedure, verdict and folder of each run that a test made."""
+    verdict = ""
+    for name, value in properties:
+        found = _PROPERTY.fullmatch(name)
+        if found and found["what"] == "verdict":
+            verdict = str(value)
+        elif found:
+            yield found["procedure"], verdict, str(value)
+
+
+@pytest.fixture(scope="session")
+def bench_config(request: pytest.FixtureRequest) -> BenchConfig:
+    """The bench of ``--bench`` as a `belahil.config.BenchConfig`, for the whole session."""
+    return _bench_config(request.config)
+
+
+@pytest.fixture
+def bench(request: pytest.FixtureRequest, bench_config: BenchConfig) -> Iterator[Bench]:
+    """An open `belahil.bench.Bench`, fresh for each test; its output is off afterwards."""
+    opened = _opened(bench_config)
+    shared = request.config.stash.setdefault(_OPEN, [])
+    with opened:
+        shared.append(opened)
+        try:
+            yield opened
+        finally:
+            shared.remove(opened)
+
+
+@pytest.fixture(scope="session")
+def belahil_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> RunsProcedures:
+    """Measure a procedure, and fail the test when its verdict is ``fail`` or ``undecided``.
+
+    ``belahil_run("characterize", codes=[4])`` returns a `belahil.procedure_run.ProcedureRun`. It measures on
+    the `bench` of the test, or opens one where the test has none.
+    """
+    asked = request.config.getoption("belahil_out")
+    out = (
+        tmp_path_factory.mktemp("belahil") if asked is None else request.config.invocation_params.dir / asked
+    )
+    return RunsProcedures(request, out)
+
+
+class RunsProcedures:
+    """What the fixture ``belahil_run`` is: a function that measures a procedure.
+
+    Parameters
+    ----------
+    request : pytest.FixtureRequest
+        Of the fixture.
+    out : Path
+        Run folders go into folders named like their tests here.
+    """
+
+    def __init__(self, request: pytest.FixtureRequest, out: Path) -> None:
+        self._request = request
+        self._out = out
+
+    def __call__(
+        self,
+        procedure: str,
+        *,
+        bench: Bench | None = None,
+        limits: Mapping[str, Sequence[float]] | None = None,
+        must_pass: bool = True,
+        **options: Any,
+    ) -> ProcedureRun:
+        """Measure a procedure.
+
+        Parameters
+        ----------
+        procedure : str
+            As its command is called: ``"characterize"``.
+        bench : Bench or None
+            An open one; None takes the test's fixture `bench`, or opens one.
+        limits : mapping or None
+            In place of ``[limits]`` of the bench file: ``{"cutoff_hz": (18e6, 20e6)}``.
+        must_pass : bool
+            False returns a run whose verdict is not ``pass`` too.
+        **options
+            Of the procedure, in SI units: ``codes=[4]``, ``amplitudes_vpp=[0.03]``.
+
+        Raises
+        ------
+        BelahilError
+            The procedure, an option or the plan was refused, or an instrument failed.
+        """
+        __tracebackhide__ = True
+        from belahil.errors import BelahilError
+
+        try:
+            run = self._run(procedure, bench, limits, options)
+        except BelahilError as error:
+            # Its line says it all; what is inside belahil does not help who wrote the test.
+            raise error.with_traceback(None) from None
+        self._keep(run)
+        if must_pass and not run.passed:
+            pytest.fail(f"belahil {run}", pytrace=False)
+        return run
+
+    def _run(
+        self,
+        procedure: str,
+        bench: Bench | None,
+        limits: Mapping[str, Sequence[float]] | None,
+        options: Mapping[str, Any],
+    ) -> ProcedureRun:
+        from belahil.config import LimitsTable
+        from belahil.errors import BelahilError
+        from belahil.procedure_run import run_procedure
+        from belahil.strict_toml import typed
+
+        allowed = None if limits is None else typed(dict(limits), LimitsTable, "limits")
+        open_ones = self._request.config.stash.setdefault(_OPEN, [])
+        with ExitStack() as stack:
+            there = bench or next(reversed(open_ones), None)
+            if there is None:
+                there = stack.enter_context(_opened(self._request.getfixturevalue("bench_config")))
+            folder = self._folder(procedure)
+            try:
+                return run_procedure(procedure, there, folder, options, limits=allowed)
+            except BelahilError:
+                with suppress(OSError):  # goes only where nothing was begun
+                    folder.rmdir()
+                    folder.parent.rmdir()
+                raise
+
+    def _folder(self, procedure: str) -> Path:
+        """Make a new folder, named like the test; those of earlier sessions stay."""
+        name, _ = _current()
+        test = re.sub(r"[^\w.-]+", "-", name.rpartition("/")[2]).strip("-")[:80]
+        number = 1
+        while True:
+            folder = self._out / test / (procedure if number == 1 else f"{procedure}-{number}")
+            try:
+                folder.mkdir(parents=True)
+            except FileExistsError:
+                number += 1
+            else:
+                return folder
+
+    def _keep(self, run: ProcedureRun) -> None:
+        name, phase = _current()
+        for item in self._request.session.items:
+            if item.nodeid == name:
+                item.add_report_section(phase, "belahil", str(run))
+                item.user_properties += [
+                    (f"belahil_{run.procedure}_verdict", run.verdict),
+                    (f"belahil_{run.procedure}_folder", str(run.folder)),
+                ]
+
+
+def _current() -> tuple[str, str]:
+    """Return the id of the running test and its phase: setup, call or teardown."""
+    name, _, phase = os.environ["PYTEST_CURRENT_TEST"].rpartition(" ")
+    return name, phase.strip("()")
+
+
+def _named(config: pytest.Config) -> str:
+    """Return the bench that option or ini file names, if any."""
+    asked: str | None = config.getoption("belahil_bench")
+    if asked is not None:
+        return asked
+    named: str = config.getini("belahil_bench")
+    beside = (config.inipath or config.rootpath / "pytest.ini").parent / named
+    return str(beside) if named and beside.is_file() else named
+
+
+def _bench_config(config: pytest.Config) -> BenchConfig:
+    """Read the bench once a session.
+
+    Raises
+    ------
+    pytest.UsageError
+        It cannot be read, or it is real and several processes would use it.
+    """
+    if _BENCH not in config.stash:
+        config.stash[_BENCH] = _read_bench(config)
+    return config.stash[_BENCH]
+
+
+def _read_bench(config: pytest.Config) -> BenchConfig:
+    from belahil._blas import pin_to_one_thread
+
+    pin_to_one_thread()
+    from belahil.config import load_bench, seeded
+    from belahil.errors import BelahilError
+
+    name, seed = _named(config) or "emulated", config.getoption("belahil_seed")
+    try:
+        bench = load_bench(name)
+        bench = bench if seed is None else seeded(bench, seed, "--belahil-seed")
+    except BelahilError as error:
+        raise pytest.UsageError(f"belahil: {error}") from error
+    if bench.source == "hardware" and (config.getoption("numprocesses", 0) or 0) > 1:
+        raise pytest.UsageError(f"belahil: bench {name} is real and serves one process; leave out -n")
+    return bench
+
+
+def _opened(config: BenchConfig) -> Bench:
+    """Open a bench, or fail in one line."""
+    from belahil._neighbours import complaint
+    from belahil.bench import open_bench
+    from belahil.errors import BelahilError
+
+    wrong = complaint(Path(__file__).resolve().parent.parent)
+    if wrong is not None:
+        pytest.fail(wrong, pytrace=False)
+    try:
+        return open_bench(config)
+    except BelahilError as error:
+        pytest.fail(f"belahil: {error}", pytrace=False)
