@@ -10,15 +10,19 @@ import sys
 import threading
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from belahil.errors import RefusedInput
+from belahil.oscilloscopes import SCOPES
 from belahil.values import WindowRequest
 from sim.devices.generator_families import generator_device
 from sim.devices.grm import GrmDevice
+from sim.devices.oscilloscopes.families import DEVICES
 from sim.generator_path import true_model
+from sim.oscilloscope import ScopeReceiver
 from sim.plant import Plant
-from sim.transports.channels import PtyChannel, ScpiWire
+from sim.transports.channels import PtyChannel, ScpiWire, Wire
 from sim.transports.hislip import SUB_ADDRESS, HislipInstrument
 from sim.transports.line_pace import LinePace
 from sim.transports.one_receiver import OneReceiver
@@ -121,9 +125,9 @@ def serve(
     if how.pty and sys.platform == "win32":
         raise RefusedInput("a pseudo-terminal was asked for: Windows has none; allowed: the TCP link")
     _warm_up(config)
-    plant = Plant(config)
+    scope = ScopeReceiver(config) if config.digitizer.driver in SCOPES else None
+    plant = Plant(config, scope)
     generator = generator_device(true_model(config), plant)
-    receiver = OneReceiver(lambda: GrmDevice(plant, "cobs", plant.clock), tell)
 
     def scpi() -> ScpiWire:
         return ScpiWire(generator)
@@ -131,19 +135,30 @@ def serve(
     def serial_pace() -> LinePace:
         return LinePace(how.baud, how.latency_s)
 
+    digitizer: Callable[[], Wire]
+    pace: Callable[[], LinePace] | None
+    if scope is None:
+        receiver = OneReceiver(lambda: GrmDevice(plant, "cobs", plant.clock), tell)
+        digitizer, most, pace = receiver.wire, 1 + MOST_REFUSED, serial_pace
+        places = "socket://{}:{}", "serial:{}"
+    else:
+        oscilloscope = DEVICES[config.digitizer.driver](plant, scope)
+        digitizer, most, pace = partial(ScpiWire, oscilloscope), MOST_SCPI_CLIENTS, _network_pace(how)
+        places = "visa:TCPIP::{}::{}::SOCKET", "visa:ASRL{}::INSTR"
+
     with Server(tell) as server:
         scpi_port = server.listen(scpi, how.host, how.scpi_port, MOST_SCPI_CLIENTS, _network_pace(how))
         hislip = HislipInstrument(generator, MOST_HISLIP_CLIENTS)
         hislip_port = server.listen(
             hislip.wire, how.host, how.hislip_port, _MOST_HISLIP_CONNECTIONS, _network_pace(how)
         )
-        link_port = server.listen(receiver.wire, how.host, how.link_port, 1 + MOST_REFUSED, serial_pace)
+        link_port = server.listen(digitizer, how.host, how.link_port, most, pace)
         pty_address = pty_link = ""
         if how.pty:
             lines = PtyChannel(), PtyChannel()
             server.attach(lines[0], scpi, serial_pace)
-            server.attach(lines[1], receiver.wire, serial_pace)
-            pty_address, pty_link = f"ASRL{lines[0].path}::INSTR", f"serial:{lines[1].path}"
+            server.attach(lines[1], digitizer, serial_pace)
+            pty_address, pty_link = f"ASRL{lines[0].path}::INSTR", places[1].format(lines[1].path)
         if not _is_loopback(how.host):
             tell(f"listening at {how.host}: whoever reaches this computer can use the bench; no password")
         host = _reached_as(how.host)
@@ -152,7 +167,7 @@ def serve(
                 Served(
                     f"TCPIP::{host}::{scpi_port}::SOCKET",
                     f"TCPIP::{host}::{SUB_ADDRESS},{hislip_port}::INSTR",
-                    f"socket://{host}:{link_port}",
+                    places[0].format(host, link_port),
                     pty_address,
                     pty_link,
                     server.stop,
