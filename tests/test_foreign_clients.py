@@ -169,3 +169,54 @@ def test_pymeasure_plays_a_sine_on_a_dg1062z(port: Port) -> None:
     assert channel.shape == "DC"
     assert client.check_errors() == []
     client.adapter.close()
+
+
+@pytest.fixture
+def client_afg(port: Port) -> Iterator[Any]:
+    tektronix = pytest.importorskip("pymeasure.instruments.tektronix")
+    library = EmulatedVisa(PlantClock()).plug(NAME, generator_device(MODELS["AFG3152C"], port))
+    with pytest.warns(FutureWarning, match="SCPI"):  # its authors do not know that it speaks SCPI
+        instrument = tektronix.AFG3152C(NAME, visa_library=library)
+    yield instrument
+    assert instrument.check_errors() == []
+    instrument.adapter.close()
+
+
+def test_pymeasure_plays_a_sine_on_an_afg(client_afg: Any, port: Port) -> None:
+    client, channel = client_afg, client_afg.ch1
+    assert client.id == "TEKTRONIX,AFG3152C,EMULATED,SCPI:99.0 FV:0.00-emulated"
+    client.reset()
+    channel.waveform(shape="SIN", frequency=5e6, units="VPP", amplitude=0.25, offset=0.05)
+    # Its `enable` and `impedance` name headers that no AFG has.
+    client.write("output1:impedance 50ohm")
+    client.write("output1:state on")
+    assert client.check_errors() == []
+    assert (channel.shape, channel.frequency, channel.amp_vpp, channel.offset) == (
+        "sinusoidal",
+        5e6,
+        0.25,
+        0.05,
+    )
+    assert channel.unit == "VPP"
+    assert stimulus_of(port.setting) == Sine(5e6, 0.25, 0.05)
+    client.write("output1:state off")
+    assert not port.setting.output
+
+
+def test_pymeasure_sets_everything_else_of_an_afg(client_afg: Any, port: Port) -> None:
+    client, channel = client_afg, client_afg.ch2
+    for shape in channel.SHAPES:
+        channel.shape = shape
+        assert channel.shape == shape
+    channel.shape = "pulse"
+    channel.duty = 30
+    assert channel.duty == 30
+    channel.shape = "sinusoidal"
+    channel.unit = "VRMS"
+    channel.amp_vrms = 0.5
+    assert channel.amp_vrms == 0.5
+    channel.unit = "DBM"
+    channel.amp_dbm = 0
+    assert channel.amp_dbm == pytest.approx(0, abs=0.01)
+    client.beep()
+    assert client.opc() == 1

@@ -192,6 +192,14 @@ class TektronixAfg(EmulatedGenerator):
         begun = zip(self.channels, waiting, strict=True)
         self.begin(max(burst_s(channel) for channel, runs in begun if runs))
 
+    def bring_back(self, kept: object) -> None:
+        """Make all settings what they were; a waveform that is no longer there becomes a sine."""
+        super().bring_back(kept)
+        for channel in self.channels:
+            if channel.memory_name and channel.memory_name not in self._memory.names:
+                self.report(ScpiError(-224, f"{channel.memory_name} is empty"))
+                channel.set_function("SIN")
+
     def _choose(self, call: Call) -> AfgChannel:
         return self.channels[call.suffixes[0] - 1]
 
@@ -208,7 +216,9 @@ class TektronixAfg(EmulatedGenerator):
         short = ChannelCommands(self.tree, self._choose, answer_short)
         add_load_command(short, "OUTPut#:IMPedance")
         _add_numbers(commands, short)
-        add_memory_commands(self.tree, self._memory, self.report)
+        add_memory_commands(
+            self.tree, self._memory, self.report, lambda: [channel.function for channel in self.channels]
+        )
         for setting in _CHANNEL_SETTINGS:
             setting.enter(self.tree, self._choose)
         for shared in _SHARED_SETTINGS:
@@ -226,7 +236,10 @@ class TektronixAfg(EmulatedGenerator):
 
 def _add_shapes(commands: ChannelCommands[AfgChannel]) -> None:
     def choose(channel: AfgChannel, tokens: Tokens) -> None:
-        channel.set_function(memory_name(tokens[0], channel.number) or _WORDS.read(tokens[0]))
+        name = memory_name(tokens[0], channel.number)
+        if name:
+            channel.memory.codes(name)
+        channel.set_function(name or _WORDS.read(tokens[0]))
 
     def shown(channel: AfgChannel, _: Tokens) -> str:
         return channel.function[:4] if channel.function.startswith("EMEM") else channel.function
@@ -267,7 +280,7 @@ def _add_numbers(commands: ChannelCommands[AfgChannel], short: ChannelCommands[A
 
 
 def _set_delay(channel: AfgChannel, delay_s: float) -> None:
-    channel.trigger_delay_s = channel.model.started_s(delay_s, channel.point_rate_hz)
+    channel.trigger_delay_s = channel.model.started_s(delay_s, channel.model.max_arb_rate_hz)
 
 
 def _set_cycles(channel: AfgChannel, cycles: float) -> None:

@@ -13,6 +13,8 @@ from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call, HeaderTree
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from belahil.generators import GeneratorModel
@@ -116,8 +118,22 @@ class EditMemory:
         return self._model.min_points, self._model.max_points
 
 
-def add_memory_commands(tree: HeaderTree, memory: EditMemory, report: Report) -> None:
-    """Add upload and what is asked about waveforms, under both of their names."""
+def add_memory_commands(
+    tree: HeaderTree, memory: EditMemory, report: Report, selected: Callable[[], list[str]]
+) -> None:
+    """Add upload and what is asked about waveforms, under both of their names.
+
+    Parameters
+    ----------
+    tree : HeaderTree
+        Where to.
+    memory : EditMemory
+        Of all channels.
+    report : callable
+        Takes an error that does not stop a command.
+    selected : callable
+        Names of what the channels play.
+    """
 
     def points_of(call: Call) -> int:
         return read_integer(call.parameters[1], *memory.span) if len(call.parameters) > 1 else _FIRST_POINTS
@@ -141,12 +157,13 @@ def add_memory_commands(tree: HeaderTree, memory: EditMemory, report: Report) ->
         memory.set_point(name, place_of(call), word, report)
 
     def copy(call: Call) -> None:
-        memory.copy(_known(call), memory_name(call.parameters[1]) or "EMEM1")
+        source = memory_name(call.parameters[1]) if len(call.parameters) > 1 else "EMEM1"
+        memory.copy(_known(call), source or call.parameters[1].text)
 
     def delete(call: Call) -> None:
         name = _known(call)
-        if name.startswith("EMEM"):
-            raise ScpiError(-224, "an edit memory stays")
+        if name.startswith("EMEM") or name in selected():
+            raise ScpiError(-224, "an edit memory stays, and so does what is played")
         memory.delete(name)
 
     for data in ("DATA", "TRACe"):
