@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,30 +20,32 @@ def command() -> None:
     """Bench files and benches."""
 
 
-@command.command("new", short_help="Write a bench file with every key.")
+@command.command("new", short_help="Find instruments and write a bench file with every key.")
 @click.argument("file", type=click.Path(path_type=Path), default=Path("bench.toml"))
-@click.option("--driver", default="keysight-33500", show_default=True, help="Driver of the generator.")
-@click.option("--address", default="emulated", show_default=True, help="Generator: a VISA resource name.")
+@click.option("--driver", help="Driver of the generator; keysight-33500 when left out and none is found.")
+@click.option("--address", help="Generator: a VISA resource name; emulated when left out and none is found.")
+@click.option("--digitizer", help="Driver of the digitizer; grm when left out and none is found.")
 @click.option("--link", help="Digitizer: its link; by default of the same kind as the address.")
-@click.option("--receiver", default="bela-grm", show_default=True, help="Preset of the receiver.")
-def new(file: Path, driver: str, address: str, link: str | None, receiver: str) -> int:
-    """Write a bench FILE (bench.toml) with every key, its default and a comment."""
-    from belahil.cli.bench_file import bench_file
-    from belahil.config import parse_bench
-    from belahil.errors import RefusedInput
-    from belahil.storage import write_whole
+@click.option("--receiver", help="Preset of the receiver; bela-grm, and analog for an oscilloscope.")
+@click.option("--load-ohm", type=float, help="Load setting of the generator; 50 when left out.")
+@click.option("--attenuation-db", type=float, help="Between generator and receiver; 0 when left out.")
+@click.option("--max-vpp", type=float, help="Largest span at the receiver's input; 0.5 when left out.")
+@click.option(
+    "--search/--no-search",
+    default=None,
+    help="Look for instruments; without either, where a user sits at a terminal and names none.",
+)
+@click.option("--probe", is_flag=True, help="Search, and ask all that is found who it is.")
+@click.option("--defaults", is_flag=True, help="Ask the user nothing.")
+def new(file: Path, search: bool | None, probe: bool, defaults: bool, **given: Any) -> int:
+    """Write a bench FILE (bench.toml) with every key, its value and a comment.
 
-    if link is None:
-        kinds = {"emulated": "emulated:serial", "simulated": "simulated"}
-        if address not in kinds:
-            raise click.UsageError(f"--address {address} needs --link too, for example serial:COM3")
-        link = kinds[address]
-    text = bench_file(driver, address, link, receiver)
-    parse_bench(text, str(file))
-    if file.exists():
-        raise RefusedInput(f"{file}: is there already; give another name")
-    write_whole(file, text)
-    print(f"bench file: {file}; try it with: belahil bench check {file}")
+    A search lists VISA resources, serial ports and USB devices. Nothing is sent to any of them before the
+    user agrees, one by one or with --probe.
+    """
+    from belahil.cli.bench_new import Wanted, written_bench
+
+    written_bench(file, Wanted(**given), search, probe, defaults)
     return 0
 
 

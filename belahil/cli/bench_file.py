@@ -18,10 +18,10 @@ settle_s = 0.0               # wait after each change of stimulus or gain code; 
 [generator]
 driver = {driver}   # `belahil bench show` lists them
 address = {address}         # emulated | simulated | a VISA resource name
-visa_library = ""            # empty: PyVISA chooses
-load_ohm = 50                # the generator's load setting; inf is allowed
-attenuation_db = 0.0         # matched 50-ohm pad between generator and cut
-max_vpp = 0.5                # interlock: largest span at the cut, offset included
+visa_library = {visa_library}            # empty: PyVISA chooses
+load_ohm = {load_ohm}                # the generator's load setting; inf is allowed
+attenuation_db = {attenuation_db}         # matched 50-ohm pad between generator and cut
+max_vpp = {max_vpp}                # interlock: largest span at the cut, offset included
 bandwidth_hz = inf           # of the output, one pole, where it was measured; inf takes it for unfiltered
 # Declared standard uncertainties, taken into every budget: of the amplitude (relative, and in V peak to peak
 # of the setting), of its change between DC and 40 MHz, of the attenuator, and of the bandwidth (relative).
@@ -29,7 +29,7 @@ uncertainty = {{ amplitude_relative = 0.0, amplitude_v = 0.0, flatness_relative 
 bandwidth_relative = 0.0 }}
 
 [digitizer]
-driver = "grm"
+driver = {digitizer}
 link = {link}     # emulated:serial | emulated:usb | simulated | serial:COM3
                              # serial:///dev/ttyUSB0?baud=921600 | socket://host:port | usb:VID:PID[:SERIAL]
 receiver = {receiver}        # preset of the design
@@ -91,15 +91,28 @@ _LIMITS = """
 """
 
 
-def bench_file(driver: str, address: str, link: str, receiver: str) -> str:
+def bench_file(
+    driver: str,
+    address: str,
+    link: str,
+    receiver: str,
+    *,
+    digitizer: str = "grm",
+    visa_library: str = "",
+    load_ohm: float = 50.0,
+    attenuation_db: float = 0.0,
+    max_vpp: float = 0.5,
+) -> str:
     """Write a bench file with comments; the emulation's tables only where they are read.
 
     Parameters
     ----------
-    driver, address : str
+    driver, address, visa_library : str
         As in ``[generator]``.
-    link, receiver : str
-        As in ``[digitizer]``.
+    link, receiver, digitizer : str
+        As in ``[digitizer]``; the last is its driver.
+    load_ohm, attenuation_db, max_vpp : float
+        As in ``[generator]``.
 
     Raises
     ------
@@ -107,10 +120,18 @@ def bench_file(driver: str, address: str, link: str, receiver: str) -> str:
         No such receiver.
     """
     spec = receiver_preset(receiver)
-    words = {"driver": driver, "address": address, "link": link, "receiver": receiver}
-    text = _BENCH.format(**{key: json.dumps(word) for key, word in words.items()})
+    words = {
+        "driver": driver,
+        "address": address,
+        "visa_library": visa_library,
+        "digitizer": digitizer,
+        "link": link,
+        "receiver": receiver,
+    }
+    numbers = {"load_ohm": load_ohm, "attenuation_db": attenuation_db, "max_vpp": max_vpp}
+    text = _BENCH.format(**{key: json.dumps(word) for key, word in words.items()}, **numbers)
     if address in ("emulated", "simulated"):
-        text += _EMULATION.format(
+        emulation = _EMULATION.format(
             cutoff_hz=f"{spec.cutoff_hz:.6g}",
             order=spec.order,
             gain_by_code=_row(spec.gain_by_code),
@@ -118,6 +139,8 @@ def bench_file(driver: str, address: str, link: str, receiver: str) -> str:
             full_scale_v=spec.adc_full_scale_v,
             bits=spec.digitizer.bits,
         )
+        # An oscilloscope's converter is no part of the receiver.
+        text += emulation if digitizer == "grm" else emulation.replace("\nadc_", "\n# adc_")
     return text + _LIMITS
 
 
