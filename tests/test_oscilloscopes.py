@@ -8,6 +8,7 @@ import threading
 
 import numpy as np
 import pytest
+from hidden_receivers import found
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace as replace_struct
@@ -30,6 +31,7 @@ from belahil.pole_response import response
 from belahil.stimuli import NoSignal, SampledPulse, Sine
 from belahil.values import RangeWindow, Shot, WindowRequest
 from drivers.scpi import ScpiSession
+from procedures.characterize import GainOptions
 from sim.build import endpoints
 from sim.draws import Draws
 from sim.faults import Fault, FaultPlan
@@ -399,3 +401,20 @@ def test_an_oscilloscope_in_another_thread_gives_the_same_windows_over_tcp(drive
         served.stop()
         server.join(10)
     assert all(map(same, windows, reference))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_the_receiver_behind_an_oscilloscope_comes_back(driver: str) -> None:
+    # given a hidden receiver, when it is characterized through the driver
+    outcome = found(config(driver), GainOptions(None, (13e-3, 50e-3)))
+    # then every number is within 4 standard uncertainties (one in 16 000)
+    row = outcome.results["gain_codes"][0]
+    assert (row["status"], row["order"]["integer"], row["code"]) == ("ok", 3, None)
+    for told, true in (
+        (row["gain"], 5.19),
+        (row["cutoff"], 19e6),
+        (row["noise_rms"], 2e-3),
+        (outcome.results["clock_ppm"], 20.0),
+    ):
+        assert abs(told["value"] - true) < 4 * told["standard_uncertainty"]
