@@ -14,6 +14,7 @@ from sim.devices.generator import GeneratorDevice
 from sim.devices.generator_families import generator_device
 from sim.plant import PlantClock
 from sim.transports.visa_library import EmulatedVisa
+from tests.served import served
 
 agilent = pytest.importorskip("pymeasure.instruments.agilent")
 NAME = "USB0::0x0957::0x2C07::MY1::INSTR"
@@ -46,6 +47,52 @@ def client(port: Port) -> Iterator[Any]:
     yield instrument
     assert instrument.check_errors() == []
     instrument.adapter.close()
+
+
+@pytest.fixture(params=["SOCKET", "INSTR"])
+def far_client(request: pytest.FixtureRequest) -> Iterator[Any]:
+    """The same class at a served bench, over raw TCP and over HiSLIP."""
+    with served() as (places, _):
+        address = places.address if request.param == "SOCKET" else places.hislip_address
+        ends = {"read_termination": "\n", "write_termination": "\n"}
+        instrument = agilent.Agilent33500(address, visa_library="@py", **ends)
+        yield instrument
+        assert instrument.check_errors() == []
+        instrument.adapter.close()
+        instrument.adapter.manager.close()
+
+
+def test_pymeasure_drives_a_served_generator(far_client: Any) -> None:
+    # a sine
+    channel = far_client.ch_1
+    channel.shape = "SIN"
+    channel.frequency = 5e6
+    channel.amplitude_unit = "VPP"
+    channel.amplitude = 0.25
+    channel.offset = 0.05
+    channel.output = True
+    assert (channel.shape, channel.frequency, channel.amplitude, channel.offset) == ("SIN", 5e6, 0.25, 0.05)
+    assert far_client.check_errors() == []
+    # an arbitrary waveform, as one cycle for each trigger of the bus
+    channel.data_volatile_clear()
+    channel.data_arb("test_wave", [0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, 0.0], data_format="float")
+    channel.arb_file = "test_wave"
+    channel.shape = "ARB"
+    channel.arb_srate = 80e6
+    channel.amplitude = 0.2
+    channel.burst_state = True
+    channel.burst_mode = "TRIG"
+    channel.burst_ncycles = 1
+    far_client.trigger_source = "BUS"
+    channel.output = True
+    far_client.trigger()
+    assert (channel.shape, channel.arb_srate, channel.burst_ncycles) == ("ARB", 80e6, 1)
+    assert far_client.check_errors() == []
+    # and a burst of a sine
+    channel.shape = "SIN"
+    channel.burst_ncycles = 5
+    far_client.trigger()
+    assert (channel.shape, channel.burst_state, channel.burst_ncycles) == ("SIN", True, 5)
 
 
 def test_pymeasure_plays_a_sine(client: Any, port: Port) -> None:
