@@ -53,11 +53,12 @@ class Watched:
             assert abs(setting.offset_v) + amplitude / 2 <= self.model.max_peak_v * unit * (1 + 1e-9)
             assert amplitude == 0 or amplitude >= self.model.min_amplitude_vpp * unit * (1 - 1e-6)
         assert self.model.min_sine_hz <= setting.frequency_hz <= self.model.max_sine_hz
-        assert 1 <= setting.load_ohm <= 10e3 or setting.load_ohm == float("inf")
+        assert 1 <= setting.load_ohm <= self.model.load_span_ohm[1] or setting.load_ohm == float("inf")
         assert 0 <= setting.trigger_delay_s <= self.model.max_delay_s
         if setting.arb is not None:
             # By the frequency of the whole, points may follow each other as fast as they like.
-            fastest = self.model.max_arb_rate_hz if self.model.max_points > 65_536 else float("inf")
+            by_rate = self.model.arb_played_by == "rate" and self.model.max_points > 65_536
+            fastest = self.model.max_arb_rate_hz if by_rate else float("inf")
             assert 0 < setting.arb.sample_rate_hz <= fastest
             assert setting.arb.codes.size >= self.model.min_points
 
@@ -124,14 +125,32 @@ OTHER_LINES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["33220A", "DG1062Z"])
-def test_no_damaged_message_escapes_from_the_other_families(name: str) -> None:
+AFG_LINES = [
+    b"DATA:DATA EMEM,#210" + bytes(range(10)), b"DATA:DATA:VAL? EMEM,3;:DATA? EMEM", b"DATA:COPY USER2,EMEM",
+    b"SOUR1:FUNC EMEM;:SOUR1:FREQ:FIX 1E6", b"SOUR1:FUNC USER2;:DATA:DEL USER2;:*SAV 1;*RCL 1",
+    b"SOUR1:BURS:TDEL 1US;NCYC 1;STAT ON;:*TRG", b"SOUR1:VOLT:LEV:IMM:AMPL 0.5VPP;:OUTP1:STAT ON;IMP INF",
+    b"TRIG:SEQ:SOUR EXT", b"DATA:DEF EMEM2,20;POIN EMEM,30", b"*RST;:SOUR1:FUNC:SHAP SIN;:OUTP1 ON",
+]  # fmt: skip
+SDG_LINES = [
+    b"C1:BSWV WVTP,ARB,FRQ,1e6,AMP,0.5V,OFST,10mV;C1:BSWV?", b"C1:OUTP ON,LOAD,50,PLRT,INVT;C1:OUTP?",
+    b"C1:WVDT WVNM,W,LENGTH,16B,WAVEDATA," + bytes(range(16)), b"C1:ARWV NAME,W;C1:ARWV?;STL? USER",
+    b"C1:WVDT WVNM,W,WAVEDATA," + bytes(range(1, 21)), b"C1:BTWV STATE,ON,TRSR,MAN,TIME,1;C1:BTWV MTRIG",
+    b"C1:SRATE MODE,TARB,VALUE,75e6,INTER,HOLD;C1:SRATE?", b"C2:BSWV PERI,1e-9,HLEV,2,LLEV,3;C2:BSWV?",
+    b"C1:BTWV STATE,OFF;C1:BSWV WVTP,SINE", b"WVDT? USER,W",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "own"),
+    [("33220A", OTHER_LINES), ("DG1062Z", OTHER_LINES), ("AFG3152C", AFG_LINES), ("SDG2042X", SDG_LINES)],
+)
+def test_no_damaged_message_escapes_from_the_other_families(name: str, own: list[bytes]) -> None:
     # given 5000 damaged messages of these families and of Keysight's
     draw = random.Random(f"damage {name}")
     port = Watched(MODELS[name])
     device = generator_device(MODELS[name], port)
     for _ in range(5000):
-        data = mutated(draw.choice(OTHER_LINES if draw.random() < 0.6 else LINES), draw)
+        data = mutated(draw.choice(own if draw.random() < 0.6 else LINES), draw)
         device.write(data, end=True)
         # then nothing is raised, and the device still says who it is and what was wrong
         while device.read() is not None:

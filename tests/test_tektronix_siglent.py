@@ -316,8 +316,9 @@ def test_a_waveform_is_uploaded_over_a_raw_socket_and_comes_back(port: Port) -> 
 
 def test_an_upload_that_is_cut_short_is_no_waveform(port: Port) -> None:
     device = generator_device(MODELS["SDG2042X"], port)
-    device.write(b"C1:WVDT WVNM,W,LENGTH,40B,WAVEDATA,1234", end=True)
-    assert _talk(device)("SYST:ERR?").startswith("-161")
+    for data in (b"1234", b""):
+        device.write(b"C1:WVDT WVNM,W,LENGTH,40B,WAVEDATA," + data, end=True)
+        assert _talk(device)("SYST:ERR?").startswith("-161")
     assert _talk(device)("STL? USER") == "STL WVNM"
 
 

@@ -30,7 +30,7 @@ class WaveData:
         """Take more of the stream and return what is ready of it, with blocks."""
         self._held += data
         ready = bytearray()
-        while self._held:
+        while self._held or (end and self._head is not None):
             piece = self._text(end) if self._head is None else self._points(end)
             if piece is None:
                 break
