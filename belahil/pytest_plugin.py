@@ -117,14 +117,17 @@ def bench_config(request: pytest.FixtureRequest) -> BenchConfig:
 @pytest.fixture
 def bench(request: pytest.FixtureRequest, bench_config: BenchConfig) -> Iterator[Bench]:
     """An open `belahil.bench.Bench`, fresh for each test; its output is off afterwards."""
+    from belahil.errors import BelahilError
+
     opened = _opened(bench_config)
     shared = request.config.stash.setdefault(_OPEN, [])
-    with opened:
-        shared.append(opened)
-        try:
+    try:
+        with opened:
+            shared.append(opened)
             yield opened
-        finally:
             shared.remove(opened)
+    except BelahilError as error:
+        pytest.fail("; ".join([f"belahil: {error}", *getattr(error, "__notes__", [])]), pytrace=False)
 
 
 @pytest.fixture(scope="session")

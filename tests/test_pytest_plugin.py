@@ -249,6 +249,28 @@ def test_a_bench_that_cannot_be_is_refused_before_any_test(
     answer.stderr.fnmatch_lines([line])
 
 
+def test_a_recording_that_is_not_gone_through_fails_in_a_line(project: pytest.Pytester) -> None:
+    project.makepyfile("""
+        from belahil.bench import open_bench
+
+        def test_recorded():
+            with open_bench("emulated", record="day.rec"):
+                pass
+    """)
+    project.runpytest_subprocess().assert_outcomes(passed=1)
+    project.makepyfile("""
+        def test_same(bench): assert bench.source == "replay"
+
+        def test_other(bench): bench._generator.output(True)
+    """)
+
+    answer = project.runpytest_subprocess("--bench", "replay:day.rec", "-k", "same or other")
+
+    told = answer.stdout.str()
+    answer.assert_outcomes(passed=1, failed=1, errors=1)
+    assert "verified.py" not in told.split("ERROR at teardown")[1].split("FAILURES")[0]
+
+
 @pytest.mark.slow
 def test_the_example_project_passes(project: pytest.Pytester) -> None:
     shutil.copytree(ROOT / "docs/example-project", project.path / "example")
