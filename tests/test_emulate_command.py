@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -111,3 +113,30 @@ def test_a_port_that_is_taken_is_status_3(tmp_path: Path) -> None:
             assert err.startswith("belahil: ")
             assert err.count("\n") == 1
             assert port in err
+
+
+def test_a_taken_port_and_strangers_are_each_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        for option in ("--scpi-port", "--hislip-port", "--link-port"):
+            assert main(["emulate", option, str(port)]) == 3
+            assert (
+                capsys.readouterr().err
+                == f"belahil: 127.0.0.1:{port}: Address already in use; nothing can be served there\n"
+            )
+    # and a server for strangers, slow on purpose, says where it is and warns
+    command = ["--host", "0.0.0.0", "--latency-ms", "5", "--baud", "115200"]
+    with emulating(tmp_path, *command) as server:
+        client = load_bench(str(tmp_path / "client.toml"))
+        with socket.create_connection(("127.0.0.1", int(client.generator.address.split("::")[2]))) as line:
+            line.sendall(b"*OPC?\r\n")
+            assert line.recv(10) == b"1\n"
+        server.send_signal(signal.SIGTERM)
+        out, err = server.communicate(timeout=20)
+    assert server.returncode == 0
+    assert err.startswith("belahil: listening at 0.0.0.0: whoever reaches this computer")
+    assert err.count("\n") == 1
+    assert re.search(r"# generator: TCPIP::\S+::hislip0,\d+::INSTR\n", out)

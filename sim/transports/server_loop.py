@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import selectors
 import socket
 import time
@@ -166,9 +167,9 @@ class Server:
         try:
             listener = socket.create_server((host, port))
         except OSError as error:
-            raise LinkError(
-                f"{host}:{port}: {error.strerror or error}; nothing can be served there"
-            ) from error
+            number = 0 if isinstance(error, socket.gaierror) else error.errno
+            why = os.strerror(number) if number else error.strerror or error
+            raise LinkError(f"{host}:{port}: {why}; nothing can be served there") from error
         listener.setblocking(False)
         self._listeners.append(listener)
         bound: int = listener.getsockname()[1]
