@@ -4,9 +4,10 @@
     python benchmarks/protocol.py --rounds 50    # a quick look
 
 In the process each figure stands beside a fixed loop (`reference_loop`) timed in turn with it. Over TCP, a
-client with a raw socket asks a served bench and a bare echo, each in a process of its own, in turn: the echo
-does nothing but receive and send back, without a selector. Each is asked a few times in a row, as a client
-does that works with it. Medians; the figures are of this machine, and nothing asserts them.
+client with a raw socket asks a served bench and two bare echoes, each in a process of its own, in turn: one
+does nothing but receive and send back, the other waits in a selector, as a server of several clients must.
+Each is asked a few times in a row, as a client does that works with it. Medians; the figures are of this
+machine, and nothing asserts them.
 """
 
 from __future__ import annotations
@@ -58,6 +59,21 @@ print(listener.getsockname()[1], flush=True)
 client = listener.accept()[0]
 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 while data := client.recv(65536):
+    client.sendall(data)
+"""
+SELECTING = """
+import selectors, socket
+listener = socket.create_server(("127.0.0.1", 0))
+print(listener.getsockname()[1], flush=True)
+client = listener.accept()[0]
+client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+client.setblocking(False)
+selector = selectors.DefaultSelector()
+selector.register(client, selectors.EVENT_READ)
+while selector.select():
+    data = client.recv(65536)
+    if not data:
+        break
     client.sendall(data)
 """
 SERVE = """
@@ -161,13 +177,14 @@ def asked(client: socket.socket, line: bytes) -> bytes:
 
 
 def over_tcp(rounds: int) -> None:
-    with served(SERVE) as bench, served(ECHO) as echo:
+    with served(SERVE) as bench, served(ECHO) as echo, served(SELECTING) as selecting:
         answer = asked(bench, b"*IDN?\n")
         block = HEADER + b"\x01\x02" * (BLOCK_BYTES // 2) + b";*ESE?\n"
         found = in_turn(
             {
                 # As many bytes as the answer has: the echo is not to win by a shorter line.
                 "echo": lambda: asked(echo, answer),
+                "selecting echo": lambda: asked(selecting, answer),
                 "*IDN?": lambda: asked(bench, b"*IDN?\n"),
                 "echo of 32 kB": lambda: asked(echo, block),
                 "32 kB block": lambda: asked(bench, block),
@@ -177,6 +194,7 @@ def over_tcp(rounds: int) -> None:
     for name, seconds in found.items():
         print(f"{name:22s} {1e6 * seconds:9.1f} us over TCP")
     print(f"*IDN? / echo: {found['*IDN?'] / found['echo']:.2f}")
+    print(f"*IDN? / selecting echo: {found['*IDN?'] / found['selecting echo']:.2f}")
     print(f"block / echo: {found['32 kB block'] / found['echo of 32 kB']:.2f}")
 
 

@@ -10,8 +10,6 @@ import socket
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Protocol
 
-from sim.devices.scpi.exchange import OUTPUT_CAPACITY
-
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -172,30 +170,20 @@ class ScpiWire(Wire):
 
     def __init__(self, device: ScpiDevice) -> None:
         self._connection = device.connect("stream")
-        self._answers = bytearray()
+        # A network drains answers as they come: no portion holds so many questions.
+        self._connection.capacity = PORTION_BYTES
 
     def feed(self, data: bytes) -> None:
         """Take bytes; each line feed that is not part of a block ends a message."""
-        if data.count(b"\n") < OUTPUT_CAPACITY:
-            self._connection.write(data)
-            return
-        # So many questions at once fill the instrument's queue of answers, which a network would drain.
-        for start in range(0, len(data), OUTPUT_CAPACITY):
-            self._connection.write(data[start : start + OUTPUT_CAPACITY])
-            self._answers += self._read()
+        self._connection.write(data)
 
     def take(self) -> bytes:
         """Give the answers."""
-        taken = bytes(self._answers) + self._read()
-        self._answers.clear()
-        return taken
+        return b"".join(iter(self._connection.read, None))
 
     def gone(self) -> None:
         """Drop what is not finished, and what the instrument still owes."""
         self._connection.clear()
-
-    def _read(self) -> bytes:
-        return b"".join(iter(self._connection.read, None))
 
 
 class LineWire(Wire):

@@ -47,12 +47,22 @@ class _Client:
         self.watched = 0
         self.unsent = bytearray()
         self.is_stuck = False
+        self.is_served = False
 
     def receive(self) -> None:
         data = self.channel.receive()
         if not data:
             raise ConnectionAbortedError("the client has left")
         self.wire.feed(data)
+        if self.pace is None and not self.unsent:
+            self._answer_at_once()
+
+    def _answer_at_once(self) -> None:
+        """Send what a question gave before anything else is looked after: most clients wait for it."""
+        taken = self.wire.take()
+        if taken:
+            self.unsent += taken[self.channel.send(taken) :]
+        self.is_served = not (self.unsent or self.wire.finished)
 
     def pump(self, now_s: float) -> None:
         """Send what the device has to say, as far as time and the channel allow."""
@@ -60,7 +70,7 @@ class _Client:
             self.unsent += taken
             if self.pace:
                 self.pace.queue(len(taken), now_s)
-        self.is_stuck = False
+        self.is_stuck = self.is_served = False
         while self.unsent and not self.is_stuck:
             count = min(_PORTION_BYTES, self.pace.ready(now_s) if self.pace else _PORTION_BYTES)
             if not count:
@@ -75,8 +85,9 @@ class _Client:
 
     def next_s(self, now_s: float) -> float:
         """Time when `pump` has something to do although nothing has arrived."""
-        paced_s = self.pace.next_s(now_s) if self.pace and not self.is_stuck else math.inf
-        return min(self.wire.due_s, paced_s)
+        if self.pace is None or self.is_stuck:
+            return self.wire.due_s
+        return min(self.wire.due_s, self.pace.next_s(now_s))
 
     @property
     def events(self) -> int:
@@ -205,7 +216,10 @@ class Server:
             now_s = time.monotonic()
             # What one device was told can give another one something to say.
             for client in tuple(self._clients):
-                self._attempt(client, partial(client.pump, now_s))
+                if client.is_served and len(ready) == 1:
+                    client.is_served = False
+                else:
+                    self._attempt(client, client.pump, now_s)
 
     def stop(self) -> None:
         """Make `run` return; may be called from another thread or a signal handler."""
@@ -248,10 +262,10 @@ class Server:
         self._watch(client)
         return client
 
-    def _attempt(self, client: _Client, action: Callable[[], None]) -> None:
+    def _attempt(self, client: _Client, action: Callable[..., None], *about: float) -> None:
         """Do something with a client, and let go of one that is gone."""
         try:
-            action()
+            action(*about)
         except BlockingIOError:
             return
         except (OSError, HungUp):

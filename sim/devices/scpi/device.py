@@ -208,10 +208,13 @@ class ScpiDevice:
     def execute(self, message: Message, connection: Connection) -> None:
         """Carry out a message and hand its answer, if it has one, to the connection."""
         self._speaking = connection
-        self._answers = answers = list[str]()
-        branch, commanded, last = self.tree.root, False, list[str]()
+        answers: list[str] = []
+        last: list[str] = []
+        self._answers = answers
+        branch, commanded = self.tree.root, False
         for unit in parse(message):
-            self.follow()
+            if self._announce or self._owed:
+                self.follow()
             try:
                 branch, answer = self._run(unit, branch, last)
             except ScpiError as error:

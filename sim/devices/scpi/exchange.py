@@ -62,6 +62,8 @@ class Connection:
         self.exchange: Exchange = exchange
         self._framer = Framer(INPUT_CAPACITY)
         self._output: deque[bytes] = deque()
+        self.capacity = OUTPUT_CAPACITY
+        """Most answers that wait to be read."""
         self.owed = False
         """Whether an answer has still to come when something ends."""
 
@@ -110,7 +112,7 @@ class Connection:
 
     def answer(self, text: str) -> None:
         """Queue an answer; when nobody reads any, -430."""
-        if len(self._output) == OUTPUT_CAPACITY:
+        if len(self._output) >= self.capacity:
             self._instrument.report(ScpiError(-430))
         else:
             self._output.append(text.encode("latin-1") + b"\n")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
 
 from sim.devices.scpi.status import ScpiError
 
@@ -16,20 +18,22 @@ _BEFORE_BLOCK = (b" ", b"\t", b",")
 _UNTIL_END = -1
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
+_NO_BLOCKS: Mapping[int, bytes | ScpiError] = MappingProxyType({})
+
+
+class Message(NamedTuple):
     """One program message.
 
     Parameters
     ----------
     text : str
         All of it, without its end; a `BLOCK_MARK` stands for each block.
-    blocks : dict of int to bytes or ScpiError
+    blocks : mapping of int to bytes or ScpiError
         Content of the block at a place in `text`, or what is wrong with it.
     """
 
     text: str
-    blocks: dict[int, bytes | ScpiError] = field(default_factory=dict)
+    blocks: Mapping[int, bytes | ScpiError] = _NO_BLOCKS
 
 
 class Framer:
@@ -62,7 +66,7 @@ class Framer:
     def feed(self, data: bytes, end: bool) -> list[Message]:
         """Take more of the stream and return the messages that it completes."""
         if not (self._size or self._head or len(data) > self._capacity) and _PLAIN.fullmatch(data):
-            return [Message(data[:-1].decode("latin-1"))]
+            return [Message(data[:-1].decode("latin-1"), {})]
         data, self._head = self._head + data, b""
         messages: list[Message] = []
         place = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -11,7 +11,7 @@ from sim.devices.scpi.framing import BLOCK_MARK, Message
 from sim.devices.scpi.status import ScpiError
 
 Kind = Literal["number", "character", "string", "block"]
-Blocks = dict[int, bytes | ScpiError]
+Blocks = Mapping[int, bytes | ScpiError]
 
 # IEEE 488.2 counts all control codes but the line feed as white space; the framer has replaced code 0.
 _SPACE = "".join(map(chr, (*range(1, 10), *range(11, 33))))
