@@ -44,6 +44,19 @@ OTHER_LINES = [
     b"DATA:LOAD? VOLATILE;LOAD? 1", b"DATA:VAL? VOLATILE,3;POIN? VOLATILE", b"APPL:USER 1E6,2,0.1,30;:APPL?",
     b"SOUR2:APPL:ARB 1E6,2", b"BURS:TRIG", b"TRIG1:IMM", b"OUTP1:IMP 75;LOAD?", b"SOUR2:FREQ 40E6;VOLT 9",
 ]  # fmt: skip
+AFG_LINES = [
+    b"DATA:DATA EMEM,#210" + bytes(range(10)), b"DATA:DATA:VAL? EMEM,3;:DATA? EMEM", b"DATA:COPY USER2,EMEM",
+    b"SOUR1:FUNC EMEM;:SOUR1:FREQ:FIX 1E6", b"SOUR1:FUNC USER2;:DATA:DEL USER2;:*SAV 1;*RCL 1",
+    b"SOUR1:BURS:TDEL 1US;NCYC 1;STAT ON;:*TRG", b"SOUR1:VOLT:LEV:IMM:AMPL 0.5VPP;:OUTP1:STAT ON;IMP INF",
+    b"TRIG:SEQ:SOUR EXT", b"DATA:DEF EMEM2,20;POIN EMEM,30", b"*RST;:SOUR1:FUNC:SHAP SIN;:OUTP1 ON",
+]  # fmt: skip
+SDG_LINES = [
+    b"C1:BSWV WVTP,ARB,FRQ,1e6,AMP,0.5V,OFST,10mV;C1:BSWV?", b"C1:OUTP ON,LOAD,50,PLRT,INVT;C1:OUTP?",
+    b"C1:WVDT WVNM,W,LENGTH,16B,WAVEDATA," + bytes(range(16)), b"C1:ARWV NAME,W;C1:ARWV?;STL? USER",
+    b"C1:WVDT WVNM,W,WAVEDATA," + bytes(range(1, 21)), b"C1:BTWV STATE,ON,TRSR,MAN,TIME,1;C1:BTWV MTRIG",
+    b"C1:SRATE MODE,TARB,VALUE,75e6,INTER,HOLD;C1:SRATE?", b"C2:BSWV PERI,1e-9,HLEV,2,LLEV,3;C2:BSWV?",
+    b"C1:BTWV STATE,OFF;C1:BSWV WVTP,SINE", b"WVDT? USER,W",
+]  # fmt: skip
 SIGLENT_LINES = [
     b"C1:OUTP ON,LOAD,50", b"C1:OUTP ON", b"C1:OUTP OFF;OUTP?", b"C1:OUTP LOAD,HZ", b"C1:BSWV FRQ,2E6;BSWV?",
     b"C1:BSWV WVTP,SINE,FRQ,1000000HZ,AMP,0.5V", b"C1:BSWV OFST,0.1,AMP,0.02", b"C2:BSWV WVTP,SQUARE",
@@ -75,12 +88,13 @@ class Watched:
             least = self.model.min_amplitude_vpp * unit / (2 if "Siglent" in self.model.manufacturer else 1)
             assert amplitude == 0 or amplitude >= least * (1 - 1e-6)
         assert self.model.min_sine_hz <= setting.frequency_hz <= self.model.max_sine_hz
-        assert 1 <= setting.load_ohm <= 10e3 or setting.load_ohm == float("inf")
+        assert 1 <= setting.load_ohm <= self.model.load_span_ohm[1] or setting.load_ohm == float("inf")
         assert 0 <= setting.trigger_delay_s <= self.model.max_delay_s
         if setting.arb is not None:
             # By the frequency of the whole, points may follow each other as fast as they like.
-            by_frequency = self.model.max_points <= 65_536 or "Siglent" in self.model.manufacturer
-            fastest = float("inf") if by_frequency else self.model.max_arb_rate_hz
+            by_rate = self.model.arb_played_by == "rate" and self.model.max_points > 65_536
+            by_rate &= "Siglent" not in self.model.manufacturer
+            fastest = self.model.max_arb_rate_hz if by_rate else float("inf")
             assert 0 < setting.arb.sample_rate_hz <= fastest
             assert setting.arb.codes.size >= self.model.min_points
 
@@ -138,8 +152,9 @@ def is_legal(answer: bytes, identity: bytes) -> bool:
     """Whether an answer follows the grammar of response messages (IEEE 488.2, 8.3).
 
     Units between semicolons, items between commas; the last unit may be the identity, or a learned message.
+    Siglent's waveforms come as bare points, to the end.
     """
-    answer = without_blocks(answer)
+    answer = without_blocks(re.sub(rb"WAVEDATA,.*", b"WAVEDATA,\n", answer, flags=re.DOTALL))
     last = rb"(?:%b|\*RST(?:;:[^\n]*)?)" % re.escape(identity)
     return bool(re.fullmatch(rb"(?:%b;)*(?:%b|%b)\n" % (UNIT, UNIT, last), answer))
 
@@ -162,8 +177,14 @@ def some_bytes(draw: random.Random) -> bytes:
 
 
 def spoken(device: ScpiDevice, draw: random.Random) -> list[bytes]:
-    own = 4 * SIGLENT_LINES if "Siglent" in device.identity else []
-    return own + LINES + OTHER_LINES + lines_of(device, draw) + lines_of(device, draw)
+    own = {"Siglent": SIGLENT_LINES + SDG_LINES, "TEKTRONIX": AFG_LINES}
+    return (
+        4 * own.get(re.split("[ ,]", device.identity)[0], [])
+        + LINES
+        + OTHER_LINES
+        + lines_of(device, draw)
+        + lines_of(device, draw)
+    )
 
 
 @pytest.mark.parametrize(
