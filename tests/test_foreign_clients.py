@@ -267,3 +267,18 @@ def test_pymeasure_sets_everything_else_of_an_afg(client_afg: Any, port: Port) -
     assert channel.amp_dbm == pytest.approx(0, abs=0.01)
     client.beep()
     assert client.opc() == 1
+
+
+def test_a_trigger_may_be_named_by_its_source(client: Any) -> None:
+    # as pylablib does
+    client.write("SOURCE1:TRIG:SOURCE BUS")
+    client.write("SOURCE1:TRIG:SLOPE NEG")
+    assert client.ask("TRIG1:SOUR?;SLOP?").strip() == "BUS;NEG"
+    assert client.ask("SOURCE1:TRIG:SOURCE?").strip() == "BUS"
+    client.write("SOURCE1:OUTPUT:TRIG ON")
+    assert client.ask("OUTP:TRIG?;:SOURCE1:OUTPUT:TRIG?;:SOURCE1:OUTPUT:TRIG:SLOPE?").strip() == "1;1;POS"
+    # and a list of all settings has it under its own name alone
+    settings = client.ask("*LRN?")
+    assert settings.count(":TRIG1:SOUR BUS") == 1
+    assert "SOUR1:TRIG" not in settings
+    assert "SOUR1:OUTP" not in settings

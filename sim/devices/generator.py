@@ -29,7 +29,11 @@ from sim.devices.generator_commands import (
     add_load_command,
     add_shape_commands,
 )
-from sim.devices.generator_settings import SHARED_SETTINGS, channel_settings
+from sim.devices.generator_settings import (
+    OTHER_NAMES,
+    SHARED_SETTINGS,
+    channel_settings,
+)
 from sim.devices.scpi.parameters import read_name
 from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call
@@ -72,6 +76,7 @@ class GeneratorDevice(EmulatedGenerator):
             "[SOURce#:]FUNCtion:ARBitrary:FREQuency",
             "[SOURce#:]FUNCtion:ARBitrary:PERiod",
             "[SOURce#:]FUNCtion:ARBitrary:PTPeak",
+            *OTHER_NAMES,
             "DISPlay:TEXT",
         }
     )

@@ -101,6 +101,18 @@ class Switch(NamedTuple):
 
 Setting = Number | Word | Switch
 
+_SOURCE_TRIGGER = "SOURce#:TRIGger"
+_SOURCE_OUTPUT = "SOURce#:OUTPut:TRIGger"
+OTHER_NAMES = frozenset(
+    {
+        f"{_SOURCE_TRIGGER}:SOURce",
+        f"{_SOURCE_TRIGGER}:SLOPe",
+        f"{_SOURCE_OUTPUT}[:STATe]",
+        f"{_SOURCE_OUTPUT}:SLOPe",
+    }
+)
+"""Of settings: clients in use (pylablib) name the channel so; that instruments take them is assumed."""
+
 MODULATIONS = {
     "SWEep": "sweep",
     "AM": "am",
@@ -126,6 +138,7 @@ def channel_settings(model: GeneratorModel) -> tuple[Setting, ...]:
     burst, trigger, output = "[SOURce#:]BURSt:", "TRIGger#:", "OUTPut#:"
     sign = Choices("NORMal", "INVerted")
     edge = Choices("POSitive", "NEGative")
+    trigger_sources = Choices("IMMediate", "EXTernal", "TIMer", "BUS")
     percent = (PERCENT, 0.01, 99.99)
     period = (SECOND, 1e-6, 8000.0)
     return (
@@ -158,7 +171,9 @@ def channel_settings(model: GeneratorModel) -> tuple[Setting, ...]:
         Number(f"{burst}PHASe", "burst_phase_deg", DEGREE, -360.0, 360.0, 0.0),
         Number(f"{burst}INTernal:PERiod", "burst_period_s", *period, 10e-3),
         Word(f"{burst}GATE:POLarity", "gate_polarity", sign),
-        Word(f"{trigger}SOURce", "trigger_source", Choices("IMMediate", "EXTernal", "TIMer", "BUS")),
+        Word(f"{trigger}SOURce", "trigger_source", trigger_sources),
+        Word(f"{_SOURCE_TRIGGER}:SOURce", "trigger_source", trigger_sources),
+        Word(f"{_SOURCE_TRIGGER}:SLOPe", "trigger_slope", edge),
         Number(
             f"{trigger}DELay",
             "trigger_delay_s",
@@ -199,6 +214,8 @@ SHARED_SETTINGS: tuple[Word | Switch, ...] = (
     Word("OUTPut#:SYNC:SOURce", "sync_source", Choices("CH1", "CH2")),
     Switch("OUTPut#:TRIGger[:STATe]", "trigger_output"),
     Word("OUTPut#:TRIGger:SLOPe", "trigger_output_slope", Choices("POSitive", "NEGative")),
+    Switch(f"{_SOURCE_OUTPUT}[:STATe]", "trigger_output"),
+    Word(f"{_SOURCE_OUTPUT}:SLOPe", "trigger_output_slope", Choices("POSitive", "NEGative")),
     Word("OUTPut#:TRIGger:SOURce", "trigger_output_source", Choices("CH1", "CH2")),
     Word("UNIT:ANGLe", "angle_unit", Choices("DEGree")),
     Switch("SYSTem:BEEPer:STATe", "beeper"),
