@@ -210,8 +210,11 @@ class Server:
         """Serve until `stop`."""
         while not self._stopping:
             ready = [key.data for key, events in self._selector.select(self._patience_s()) if events & _READ]
-            for turn in sorted(filter(None, ready), key=_in_order):
-                turn.act()
+            if len(ready) > 1:
+                ready = sorted(filter(None, ready), key=_in_order)
+            for turn in ready:
+                if turn:
+                    turn.act()
             self._look_for_callers()
             now_s = time.monotonic()
             # What one device was told can give another one something to say.
@@ -242,7 +245,9 @@ class Server:
 
     def _patience_s(self) -> float | None:
         now_s = time.monotonic()
-        next_s = min((client.next_s(now_s) for client in self._clients), default=math.inf)
+        next_s = math.inf
+        for client in self._clients:
+            next_s = min(next_s, client.next_s(now_s))
         if self._absent:
             next_s = min(next_s, now_s + _LOOK_AGAIN_S)
         return max(0.0, next_s - now_s) if next_s < math.inf else None
