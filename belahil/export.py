@@ -258,6 +258,7 @@ def _write_counts(file: Any, shots: Iterable[Shot], longest: int, ragged: bool) 
 def _attributes(summary: Mapping[str, Any]) -> dict[str, str]:
     instruments = ", ".join(f"{part} {identity}" for part, identity in summary["instruments"].items())
     said = SAID[summary["source"]]
+    definitions = summary.get("results", {}).get("definitions", {})
     return {
         "Conventions": CONVENTIONS,
         "title": f"belahil {summary['procedure']}: range windows and results",
@@ -268,7 +269,7 @@ def _attributes(summary: Mapping[str, Any]) -> dict[str, str]:
         "verdict": summary["verdict"],
         "bench": summary["source"],
         **{f"instrument_{part}": identity for part, identity in summary["instruments"].items()},
-        **{f"definition_of_{name}": told for name, told in summary["results"].get("definitions", {}).items()},
+        **{f"definition_of_{name}": told for name, told in definitions.items()},
     }
 
 

@@ -286,7 +286,7 @@ def test_large_terrain_is_cut_into_parts_with_their_own_zero(tmp_path: Path) -> 
     [
         (from_array(np.zeros((21, 21)), 1.0), 400e3, "needs"),
         (from_array(np.zeros((90, 90)), 5.0), 400e3, "posts 5 m apart"),
-        (from_array(np.linspace(0, 900, 300)[:, None] + np.zeros((300, 300)), 1.0), 400e3, "heights"),
+        (from_array(np.linspace(0, 4000, 300)[:, None] + np.zeros((300, 300)), 1.0), 400e3, "heights"),
     ],
 )
 def test_ground_that_cannot_serve_is_refused_in_a_line(

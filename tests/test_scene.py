@@ -230,7 +230,7 @@ def test_a_scene_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         ("[laser]\nthermal = 'warm'", "[laser] thermal = 'warm' is unknown; allowed: cold, ambient, hot"),
         ("[laser]\npreset = 'x'", '[laser] preset = "x" is unknown; allowed: bela, gala-like'),
         ("[detector]\npreset = 'x'", '[detector] preset = "x" is unknown; allowed: bela, gala-like'),
-        ("receiver = 'x'", 'receiver = "x" is unknown; allowed: bela-grm, gala-like'),
+        ("receiver = 'x'", 'receiver = "x" is unknown; allowed: analog, bela-grm, gala-like'),
         ("filter = 'x'", "filter = 'x' is unknown; allowed: butterworth, gaussian"),
         ("gain_code = 16", "gain_code = 16; bela-grm has 0 to 15"),
         ("[surface]\nkind = 'hill'", "[surface] kind = 'hill' is unknown; allowed: plane, crater"),
