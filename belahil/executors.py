@@ -16,10 +16,6 @@ from belahil.errors import RefusedInput, WorkerLost
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-_A_WORKER = 2
-"""Chunks handed out for each worker: one that is computed, one that waits."""
-
-
 @dataclass(frozen=True, slots=True)
 class Workers:
     """Who computes.
@@ -30,15 +26,18 @@ class Workers:
         How many work at once.
     open : callable
         Opens an executor of them.
+    ahead : int
+        Chunks that wait behind the one that each computes.
     """
 
     count: int
     open: Callable[[], AbstractContextManager[Executor]]
+    ahead: int = 0
 
     @property
     def in_flight(self) -> int:
         """Chunks to hand out at once."""
-        return self.count if self.count == 1 else _A_WORKER * self.count
+        return self.count * (1 + self.ahead)
 
 
 def available_cores() -> int:
@@ -66,7 +65,7 @@ def local_workers(count: int | None = None) -> Workers:
         raise RefusedInput(f"--workers {found}: at least 1 is needed")
     if found == 1:
         return Workers(1, ThisProcess)
-    return Workers(found, lambda: _processes(found))
+    return Workers(found, lambda: _processes(found), ahead=1)
 
 
 @contextmanager
@@ -116,6 +115,7 @@ def cluster_workers(address: str) -> Workers:
             except KilledWorker as error:
                 raise WorkerLost("every worker that began it died") from error
 
+    # None ahead: a scheduler blames a worker's death on all that was with it.
     return Workers(count, opened)
 
 

@@ -339,9 +339,6 @@ def test_a_cluster_that_is_left_keeps_what_is_finished(
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-@pytest.mark.xfail(
-    strict=False, reason="known flaw: dask may blame the chunk that waited behind the deadly one"
-)
 def test_a_chunk_that_kills_workers_of_a_cluster_is_named(
     tmp_path: Path,
 ) -> None:
