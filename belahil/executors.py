@@ -16,6 +16,7 @@ from belahil.errors import RefusedInput, WorkerLost
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+
 @dataclass(frozen=True, slots=True)
 class Workers:
     """Who computes.
