@@ -194,7 +194,10 @@ class Levels:
         if top - low < step * (1 - LIMIT_SLACK):
             low, top = (top - step, top) if high else (low, low + step)
             self.report(ScpiError(self.model.conflict_code, f"{'low' if high else 'high'} level changed"))
-        self.amplitude_vpp, self.offset_v = round(top - low, 9), round((top + low) / 2, 9)
+        self.amplitude_vpp = round(top - low, 9)
+        # Levels on a grid of 1 nV may lie that much beyond the largest voltage at an odd load.
+        lowest, highest = self.offset_span_v
+        self.offset_v = min(max(round((top + low) / 2, 9), lowest), highest)
 
     def set_limits(self, on: bool) -> None:
         """Switch the voltage limits; refused while the waveform exceeds them (assumed)."""
