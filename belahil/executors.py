@@ -16,6 +16,8 @@ from belahil.errors import RefusedInput, WorkerLost
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+SCHEDULER_TIMEOUT_S = 10.0
+
 
 @dataclass(frozen=True, slots=True)
 class Workers:
@@ -123,7 +125,7 @@ def cluster_workers(address: str) -> Workers:
 @contextmanager
 def _client(kind: Any, address: str) -> Iterator[Any]:
     try:
-        client = kind(address, timeout=10, set_as_default=False)
+        client = kind(address, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)
     except ValueError as error:
         raise RefusedInput(f"--cluster {address}: write tcp://HOST:PORT ({error})") from error
     except OSError as error:

@@ -37,7 +37,16 @@ ONCE = Effort(calls=3, budget_s=0.0)
 
 @pytest.fixture(scope="module")
 def rows() -> tuple[Row, ...]:
-    return with_pareto(measured(setting, ONCE)[0] for setting in accuracy.settings(STAGES))
+    return table_of(*STAGES)
+
+
+@pytest.fixture(scope="module")
+def filter_rows() -> tuple[Row, ...]:
+    return table_of("filter")
+
+
+def table_of(*stages: str) -> tuple[Row, ...]:
+    return with_pareto(measured(setting, ONCE)[0] for setting in accuracy.settings(stages))
 
 
 def of(rows: tuple[Row, ...], **wanted: str) -> list[Row]:
@@ -49,6 +58,7 @@ def of(rows: tuple[Row, ...], **wanted: str) -> list[Row]:
 # ---- the table of this program
 
 
+@pytest.mark.slow
 def test_there_is_a_row_for_each_stage_and_setting(rows: tuple[Row, ...]) -> None:
     settings = accuracy.settings(STAGES)
 
@@ -60,6 +70,7 @@ def test_there_is_a_row_for_each_stage_and_setting(rows: tuple[Row, ...]) -> Non
     assert all(row.reference and row.unit for row in rows)
 
 
+@pytest.mark.slow
 def test_planned_pixels_reach_what_was_asked_for_and_do_not_waste(rows: tuple[Row, ...]) -> None:
     for row in of(rows, stage="footprint", method="planned pixels"):
         if row.case == "plane, 89 deg":
@@ -74,6 +85,7 @@ def test_planned_pixels_reach_what_was_asked_for_and_do_not_waste(rows: tuple[Ro
         assert row.case == "plane, 0 deg" or row.of_requested >= 0.02
 
 
+@pytest.mark.slow
 def test_posts_reach_what_was_asked_for_with_the_same_pixels(rows: tuple[Row, ...]) -> None:
     planned = {row.setting: row for row in of(rows, case="plane, 10 deg", method="planned pixels")}
 
@@ -83,6 +95,7 @@ def test_posts_reach_what_was_asked_for_with_the_same_pixels(rows: tuple[Row, ..
         assert row.work["bins a sample"] == planned[row.setting].work["bins a sample"]
 
 
+@pytest.mark.slow
 def test_a_finer_tolerance_is_more_work(rows: tuple[Row, ...]) -> None:
     for case in ("plane, 0 deg", "plane, 10 deg", "plane, 30 deg", "plane, 60 deg"):
         counts = [
@@ -93,6 +106,7 @@ def test_a_finer_tolerance_is_more_work(rows: tuple[Row, ...]) -> None:
         assert counts[0] < counts[-1]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_done_is_in_the_table_with_its_reason(rows: tuple[Row, ...]) -> None:
     cliff = of(rows, case="plane, 89 deg", method="planned pixels")[0]
     curved = of(rows, case="plane, 10 deg", method="closed form", setting="tolerance 1e-7")[0]
@@ -106,6 +120,7 @@ def test_what_cannot_be_done_is_in_the_table_with_its_reason(rows: tuple[Row, ..
     assert linear.error > 1e-5
 
 
+@pytest.mark.slow
 def test_only_what_is_known_to_fail_fails(rows: tuple[Row, ...]) -> None:
     failed = Counter((row.case, row.method) for row in rows if row.failure)
     noise = {("white noise, SNR 10", "largest sample"): 1}
@@ -126,24 +141,25 @@ def test_only_what_is_known_to_fail_fails(rows: tuple[Row, ...]) -> None:
     )
 
 
-def test_the_filter_is_as_exact_as_promised(rows: tuple[Row, ...]) -> None:
-    for row in of(rows, stage="filter", method="closed form"):
+def test_the_filter_is_as_exact_as_promised(filter_rows: tuple[Row, ...]) -> None:
+    for row in of(filter_rows, stage="filter", method="closed form"):
         assert row.error <= 1e-12  # type: ignore[operator]
-    for row in of(rows, stage="filter", method="table"):
+    for row in of(filter_rows, stage="filter", method="table"):
         assert 0.02 <= row.of_requested <= 1  # type: ignore[operator]
         # The table was checked half way between its values; a polynomial errs most a little beside that.
         assert row.of_predicted <= 1.1  # type: ignore[operator]
 
 
-def test_a_digital_filter_on_a_step_has_its_known_order(rows: tuple[Row, ...]) -> None:
-    smooth = {row.setting: row.error for row in of(rows, case="laser pulse", method="bilinear")}
-    jump = {row.setting: row.error for row in of(rows, case="pulse cut at 17 %", method="bilinear")}
+def test_a_digital_filter_on_a_step_has_its_known_order(filter_rows: tuple[Row, ...]) -> None:
+    smooth = {row.setting: row.error for row in of(filter_rows, case="laser pulse", method="bilinear")}
+    jump = {row.setting: row.error for row in of(filter_rows, case="pulse cut at 17 %", method="bilinear")}
 
     # Second order for a smooth pulse: a fifth of the step, 1/25 of the error. A jump leaves the first order.
     assert smooth["step 2.5 ns"] / smooth["step 0.5 ns"] == pytest.approx(25, rel=0.15)  # type: ignore[operator]
     assert jump["step 2.5 ns"] / jump["step 0.1 ns"] < 100  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_the_range_finder_is_near_least_squares_after_one_step(rows: tuple[Row, ...]) -> None:
     steps = {row.setting: row for row in of(rows, case="echo without noise") if "range" in row.method}
 
@@ -153,6 +169,7 @@ def test_the_range_finder_is_near_least_squares_after_one_step(rows: tuple[Row, 
     assert steps["32 widths, log-parabola"].work == {"widths": 32}
 
 
+@pytest.mark.slow
 def test_arrival_is_near_the_bound_where_that_is_promised_and_the_rest_is_told(rows: tuple[Row, ...]) -> None:
     promised = [
         row
@@ -172,6 +189,7 @@ def test_arrival_is_near_the_bound_where_that_is_promised_and_the_rest_is_told(r
             assert row.of_predicted >= 0.91  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_noise_errs_by_chance_alone_where_it_is_exact_and_as_foretold_where_not(
     rows: tuple[Row, ...],
 ) -> None:
@@ -182,6 +200,7 @@ def test_noise_errs_by_chance_alone_where_it_is_exact_and_as_foretold_where_not(
         assert of(rows, method=method)[0].failure == ""
 
 
+@pytest.mark.slow
 def test_shot_noise_is_exact_at_the_steps_of_the_chain(rows: tuple[Row, ...]) -> None:
     drawn = {row.setting: row.error for row in of(rows, method="drawn before the filter")}
 
@@ -190,6 +209,7 @@ def test_shot_noise_is_exact_at_the_steps_of_the_chain(rows: tuple[Row, ...]) ->
     assert drawn["1 a sample"] > 1e-2  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_relief_between_posts_is_told_apart_and_foretold_in_size(rows: tuple[Row, ...]) -> None:
     found = of(rows, case="relief between posts")
 
@@ -356,6 +376,7 @@ def table(rows: tuple[Row, ...]) -> accuracy.WorkPrecision:
     return accuracy.WorkPrecision(this_machine(ONCE), {"import numpy": 0.1}, rows)
 
 
+@pytest.mark.slow
 def test_every_row_is_in_text_csv_json_and_picture(rows: tuple[Row, ...]) -> None:
     whole = table(rows)
 
@@ -374,8 +395,8 @@ def test_every_row_is_in_text_csv_json_and_picture(rows: tuple[Row, ...]) -> Non
     assert panels == ["footprint (2 refused: see the table)", "filter", "detection", "noise"]
 
 
-def test_the_header_tells_the_circumstances(rows: tuple[Row, ...]) -> None:
-    text = "\n".join(accuracy_text.lines(table(rows[:1])))
+def test_the_header_tells_the_circumstances(filter_rows: tuple[Row, ...]) -> None:
+    text = "\n".join(accuracy_text.lines(table(filter_rows[:1])))
 
     for told in (
         "CPUs",

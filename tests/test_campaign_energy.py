@@ -360,6 +360,7 @@ def alike(fast: tuple[Estimate, Estimate], errors: np.ndarray) -> None:
     assert abs(float(errors.mean()) - mean.value) < SIGMAS * math.hypot(mean_u, mean.standard_uncertainty)
 
 
+@pytest.mark.slow
 def test_energies_are_those_of_whole_shots() -> None:
     # given a cell in which every tenth detection is false
     cell = conditions(base_scene(), (0.17,))[1]

@@ -263,6 +263,7 @@ def test_the_law_is_found_again_in_peaks_that_follow_it(a: float, b: float, seed
     assert spread == pytest.approx(law.a_u, rel=SIGMAS / np.sqrt(2 * 60))
 
 
+@pytest.mark.slow
 def test_a_law_between_levels_is_that_of_noise_at_that_level() -> None:
     # given the same noise at three levels, rounded to counts
     levels_v = (0.6e-3, 1.0e-3, 3e-3)
@@ -381,6 +382,7 @@ def noise(levels_v: tuple[float, ...], windows: int) -> np.ndarray:
     return range_chunks.noise_peaks(as_toml(noise_scene(base_scene())), levels_v, windows, 99, 0)["score_v"]
 
 
+@pytest.mark.slow
 def test_fast_probabilities_are_the_conditional_ones_and_those_of_whole_shots() -> None:
     # given cells from hardly any to nearly only false detections
     scene = base_scene(1100e3)
@@ -420,6 +422,7 @@ def test_fast_probabilities_are_the_conditional_ones_and_those_of_whole_shots() 
     assert abs(spread.value - brute.spread.value) < SIGMAS * apart
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", [1.0, MOST])
 def test_tilted_noise_tells_the_same_with_its_weights(tilt: float) -> None:
     # given the same faint echoes with noise as it is and tilted towards peaks
@@ -475,6 +478,7 @@ def test_a_control_takes_off_chance_and_no_truth(echoes: int) -> None:
     assert told.mean() < 0.6 * np.mean(plain)
 
 
+@pytest.mark.slow
 def test_without_an_echo_only_chance_detects() -> None:
     # given ground so dark that nothing of it is seen
     scene = base_scene(1400e3)

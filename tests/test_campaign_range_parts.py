@@ -193,6 +193,7 @@ def test_no_constant_is_at_both_ends_what_it_is() -> None:
         assert one.why
 
 
+@pytest.mark.slow
 def test_other_grounds_widen_an_interval_to_both_sides_by_what_one_ground_scatters() -> None:
     # given many triples of grounds that have one scatter: the assumed one and two others
     other = next(one for one in CONSTANTS if one.name == OTHER_GROUND)
@@ -305,6 +306,7 @@ def test_no_two_chunks_of_all_parts_are_alike_and_parts_share_no_seed() -> None:
     assert len(set().union(*seeds.values())) == len(seeds)
 
 
+@pytest.mark.slow
 def test_all_parts_together_by_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # given two fractals and few points
     monkeypatch.setattr(range_ground, "LEVELS", 2)

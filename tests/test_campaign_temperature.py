@@ -133,6 +133,7 @@ def test_a_library_of_the_own_set_leaves_nothing_and_a_wrong_one_something() -> 
     assert set(found["slope_deg"][2]) <= {10.0, 11.0}
 
 
+@pytest.mark.slow
 def test_the_outcome_adds_up() -> None:
     made = plan(TemperatureOptions())
     results = [work(one.work, one.given) for one in made.chunks]

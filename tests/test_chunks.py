@@ -253,9 +253,10 @@ def test_a_cluster_gives_the_same_bits_and_bears_the_loss_of_a_worker(
         assert sum(map(store.has, more)) >= 3
 
 
-def test_wrong_workers_are_refused_in_one_line() -> None:
+def test_wrong_workers_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(RefusedInput, match="at least 1"):
         local_workers(0)
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    monkeypatch.setattr("belahil.executors.SCHEDULER_TIMEOUT_S", 0.5)
     with pytest.raises(WorkerLost, match="no scheduler answers"):
         cluster_workers(f"tcp://127.0.0.1:{free_port()}")

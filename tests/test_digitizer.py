@@ -185,6 +185,7 @@ def test_what_cannot_be_measured_is_refused(options: dict[str, Any], said: str) 
 # ---- the command
 
 
+@pytest.mark.slow
 def test_recorded_windows_give_the_results_of_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

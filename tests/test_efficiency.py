@@ -75,6 +75,7 @@ def test_spread_is_within_a_fifth_of_the_bound(amplitude_vpp: float) -> None:
     _check(amplitude_vpp, 400, 1.2, 0.2)
 
 
+@pytest.mark.slow
 def test_spread_is_near_the_bound_in_a_few_trials() -> None:
     # 60 trials know a spread to 9 %, and a mean to 0.13 of it: bounds at three times that beside 1.2 and 0.2
     _check(50e-3, 60, 1.2 * (1 + 3 * 0.09), 0.2 + 3 * 0.13)

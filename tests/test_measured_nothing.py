@@ -68,7 +68,7 @@ def test_a_run_that_measured_nothing_is_undecided_and_says_why(
 
 
 @pytest.mark.parametrize("words", [TOF, ENERGY, ARRIVAL], ids=lambda words: words[0])
-@pytest.mark.parametrize("cutoff_hz", [19e6, 13e6])
+@pytest.mark.parametrize("cutoff_hz", [19e6, pytest.param(13e6, marks=pytest.mark.slow)])
 def test_a_receiver_that_is_not_the_known_one_fails_and_one_that_is_has_no_verdict(
     words: tuple[str, ...], cutoff_hz: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -89,7 +89,11 @@ TX = ("tx-delay", "--shots", "20")
 PARITY = ("rfm-parity", "--shots", "2", "--snrs", "10", "--widths-ns", "40", "--model-windows", "100")
 
 
-@pytest.mark.parametrize("words", [NOISE, ENERGY, TOF, TX, PARITY], ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    "words",
+    [NOISE, TOF, PARITY, *(pytest.param(one, marks=pytest.mark.slow) for one in (ENERGY, TX))],
+    ids=lambda words: words[0],
+)
 def test_the_receiver_that_was_assumed_is_told(
     words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

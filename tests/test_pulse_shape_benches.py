@@ -98,6 +98,7 @@ def test_a_gain_code_that_was_not_characterized_is_refused_before_anything_is_me
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_recorded_windows_are_compared_with_a_characterized_receiver(folder: Path, tmp_path: Path) -> None:
     # given a run with the characterized receiver
     known = ["--receiver", str(folder / "known")]

@@ -54,7 +54,7 @@ def about_echoes(scene: Scene, count: int = 6) -> LocalDraws:
     return local_draws(chain, at, 17e-9, Draws(1, 0), 2)
 
 
-@pytest.mark.parametrize("other", ["range finder", "electronics"])
+@pytest.mark.parametrize("other", ["range finder", pytest.param("electronics", marks=pytest.mark.slow)])
 def test_the_fast_way_agrees_with_whole_shots_of_another_receiver(other: str) -> None:
     # given a range finder, or converters and a high-pass, far from the assumed ones, and no round beam
     scene = base_scene(1100e3)

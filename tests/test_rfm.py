@@ -172,7 +172,9 @@ def test_one_refinement_step_is_within_a_fifth_of_a_millimetre_of_the_least_squa
             assert amplitude_v == pytest.approx(fit.pulse.amplitude_v, rel=1e-4)
 
 
-@pytest.mark.parametrize("snr", [10, 30, 100])
+@pytest.mark.parametrize(
+    "snr", [pytest.param(10, marks=pytest.mark.slow), 30, pytest.param(100, marks=pytest.mark.slow)]
+)
 def test_in_white_noise_the_arrival_reaches_the_cramer_rao_bound(snr: float) -> None:
     # Given Gaussian pulses at random phases in white noise
     rng = np.random.default_rng(int(snr))
@@ -213,8 +215,8 @@ def spread_over_bound(fwhm_s: float, snr: float, shots: int, whitened: bool) -> 
     return float(errors.std() / np.sqrt(np.mean(bounds**2)))
 
 
-@pytest.mark.parametrize("fwhm_s", [45e-9, 100e-9])
-@pytest.mark.parametrize("snr", [10, 100])
+@pytest.mark.parametrize("fwhm_s", [45e-9, pytest.param(100e-9, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("snr", [10, pytest.param(100, marks=pytest.mark.slow)])
 def test_in_coloured_noise_wide_echoes_reach_the_bound(fwhm_s: float, snr: float) -> None:
     # 1000 shots give the spread to 2.2 %
     assert 0.92 < spread_over_bound(fwhm_s, snr, 1000, whitened=False) < 1.1
@@ -265,6 +267,7 @@ def test_of_narrow_echoes_the_ratio_is_shown(capsys: pytest.CaptureFixture[str])
         assert max(about) / min(about) < 1.1
 
 
+@pytest.mark.slow
 def test_the_bias_of_narrow_echoes_is_the_templates_and_no_noise() -> None:
     # Given the shortest echo at a high and a low signal-to-noise ratio
     (whole, about), (whole_at_10, about_at_10) = narrow_ratios(3e-9, 100), narrow_ratios(3e-9, 10)

@@ -533,6 +533,7 @@ def test_the_command_measures_and_reads_its_own_windows_again(
         assert data["echo_detected"].values.tolist() == [row["detected"] for row in told["echoes"]]
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_ends_as_if_it_had_not_been(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,6 +23,7 @@ from procedures.range_ground import GroundKey
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "scaling.md"
 
 
+@pytest.mark.slow
 def test_a_worker_holds_no_more_for_four_times_as_many_shots(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

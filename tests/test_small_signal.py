@@ -252,6 +252,7 @@ def test_what_neither_explains_is_inconsistent() -> None:
     assert abs(told.cubic_per_v2.value) < 4 * told.cubic_per_v2.standard_uncertainty
 
 
+@pytest.mark.slow
 def test_recorded_windows_give_the_results_of_the_sweep(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -83,8 +83,8 @@ def pull(told: dict[str, object], truth: float) -> float:
     [
         (1, -180.0, {}),
         (2, 7.3, {"interleave": Interleave(gain=0.02, offset_v=4e-3, skew_s=300e-12)}),
-        (3, 55.0, {"cutoff_hz": 16e6, "order": 4}),
-        (4, 0.0, {"highpass_hz": 20e3}),
+        pytest.param(3, 55.0, {"cutoff_hz": 16e6, "order": 4}, marks=pytest.mark.slow),
+        pytest.param(4, 0.0, {"highpass_hz": 20e3}, marks=pytest.mark.slow),
     ],
 )
 def test_a_hidden_clock_comes_back(seed: int, ppm: float, more: dict[str, object]) -> None:
@@ -130,6 +130,7 @@ def test_delays_of_width_are_those_of_the_known_filter() -> None:
     assert abs(pull(rows[20, 15]["by_amplitude"], 0.0)) < 3.5
 
 
+@pytest.mark.slow
 def test_with_few_pairs_the_wobble_counts_as_scatter() -> None:
     # Given fewer pairs than the wobble has numbers, of pulses that wobble by 250 ps
     options = TofOptions(widths_s=(8e-9, 40e-9), peaks_v=(40e-3, 90e-3), separations=3, shots=1)
@@ -142,6 +143,7 @@ def test_with_few_pairs_the_wobble_counts_as_scatter() -> None:
     assert np.mean(chi_squares) == pytest.approx(3, abs=2.1)
 
 
+@pytest.mark.slow
 def test_another_filter_than_the_known_one_is_found_out() -> None:
     # At 20 and 60 ns a filter of 13 MHz delays alike by chance; three widths tell it
     results = found(bench_with(6, cutoff_hz=11e6), replace(QUICK, widths_s=(20e-9, 40e-9, 90e-9))).results
@@ -180,6 +182,7 @@ def test_the_walk_with_amplitude_of_a_dead_band_comes_back() -> None:
     assert weak["by_amplitude"]["standard_uncertainty"] < 0.7 * abs(expected_s)
 
 
+@pytest.mark.slow
 def test_the_wobble_of_narrow_pulses_is_the_expected_one() -> None:
     options = TofOptions(widths_s=(6e-9, 40e-9), peaks_v=(90e-3,), separations=30, shots=3)
 

@@ -91,6 +91,7 @@ def test_a_hidden_threshold_comes_back(link: str, threshold: float, tail_ns: flo
     assert "hard_cut" in results["families_that_fit"]
 
 
+@pytest.mark.slow
 def test_the_link_makes_no_difference() -> None:
     options = TxDelayOptions(shots=10)
     direct, serial, usb = (
@@ -144,6 +145,7 @@ def test_a_free_baseline_gives_the_same_threshold_within_noise() -> None:
     assert both[1]["threshold_bound"] > both[0]["threshold_bound"]
 
 
+@pytest.mark.slow
 def test_a_table_stands_for_the_pulse(tmp_path: Path) -> None:
     # Given a laser whose pulse nobody could describe by two numbers, hidden and told as the same table
     times_s = np.arange(-12e-9, 70e-9, 0.1e-9)
