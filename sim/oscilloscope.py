@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from sim.draws import Draws
 
 
+_MOST_MODELS = 8
+
+
 class ScopeReceiver:
     """A receiver without a converter, and the oscilloscope that digitizes what comes out of it.
 
@@ -90,8 +93,10 @@ class ScopeReceiver:
         )
 
     def _sampled(self) -> ReceiverModel:
-        """Return the receiver as sampled at this interval."""
+        """Return the receiver as sampled at this interval; few are kept, as clients may try any number."""
         if self.interval_s not in self._models:
+            if len(self._models) == _MOST_MODELS:
+                del self._models[next(iter(self._models))]
             spec = replace(self.spec, sample_rate_hz=1 / self.interval_s)
             self._models[self.interval_s] = ReceiverModel(self._truth, spec)
         return self._models[self.interval_s]

@@ -7,13 +7,13 @@ import re
 
 import numpy as np
 import pytest
+from damaged_messages import is_legal, lines_of, mutated, some_bytes
 from kept_memory import Kept
 
 from belahil.generators import FAMILIES, MODELS, GeneratorModel, GeneratorSetting, per_50_ohm
 from sim.devices.generator import GeneratorDevice
 from sim.devices.generator_families import generator_device
 from sim.devices.scpi import ScpiDevice
-from sim.devices.scpi.tree import patterns_of
 
 LINES = [
     b"*IDN?", b"*RST", b"*CLS;*ESE 255;*SRE 32", b"*ESR?;*STB?;*OPC?", b"*TRG;*WAI", b"*OPC", b"*TST?",
@@ -64,11 +64,6 @@ SIGLENT_LINES = [
     b"C1:WVDT WVNM,a1,WAVEDATA," + bytes(range(32)), b"C1:ARWV NAME,a1", b"C1:ARWV?", b"STL? USER",
     b"C1:SRATE MODE,TARB,VALUE,75000000", b"C1:BSWV WVTP,ARB", b"C1:BSWV PHSE,90", b"C1:BSWV AMP,1E9",
 ]  # fmt: skip
-PIECES = [
-    b";", b":", b",", b" ", b"?", b"*", b"#", b"#0", b"#3", b"#9999999999", b"'", b'"', b"\n", b"\r",
-    b"\0", b"\xff", b"\t", b"1e400", b"-1E-400", b"9.9E37", b"#HFFFFFFFFFFFFFFFF", b"1" * 50, b"A" * 20,
-    b"MIN", b"MAX", b"INF", b"NAN", b"DEF", b" MHZ", b"e", b"-", b".", b"SOUR2:", b"SOUR9:", b";:", b"(1)",
-]  # fmt: skip
 
 
 class Watched:
@@ -102,80 +97,6 @@ class Watched:
         return True
 
 
-def mutated(line: bytes, draw: random.Random) -> bytes:
-    """Damage a line in one to three places."""
-    data = bytearray(line)
-    for _ in range(draw.randint(1, 3)):
-        place = draw.randint(0, len(data))
-        kind = draw.randrange(6)
-        if kind == 0:
-            del data[place : place + draw.randint(1, 4)]
-        elif kind == 1:
-            data[place:place] = draw.choice(PIECES)
-        elif kind == 2 and place < len(data):
-            data[place] = draw.randrange(256)
-        elif kind == 3:
-            other = draw.choice(LINES)
-            data[place:] = other[draw.randint(0, len(other)) :]
-        elif kind == 4:
-            data[place:place] = data[draw.randint(0, len(data)) :]
-        else:
-            data += b";" + draw.choice(LINES)
-    return bytes(data[:2000])
-
-
-ITEM = rb'(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:E[+-]?\d+)?|[A-Z][A-Z0-9_]*|"(?:[^"\n]|"")*"|\(@?[\d,:]*\))'
-# Siglent's own words come back behind their header, with units, and hold no quotes.
-ECHO = rb'(?:[A-Z][A-Z0-9:_]* [^;\n"]*)'
-UNIT = rb"(?:%b(?:,%b)*|%b)" % (ITEM, ITEM, ECHO)
-WORDS = [
-    b"1", b"0", b"50", b"1E6", b"-3.5", b"0.1", b"1E400", b"INF", b"MIN", b"MAX", b"DEF", b"ON", b"OFF",
-    b"ARB", b"BUS", b"EXT", b"A1", b'"A1"', b"1 MHZ", b"50MVPP", b"2 S", b"10 OHM", b"#14abcd", b"VPP",
-    b"SIN", b"'x'",
-]  # fmt: skip
-
-
-def without_blocks(answer: bytes) -> bytes:
-    """Return an answer with a 0 for each block that is as long as it says."""
-    begins = re.compile(rb"(?:(?<=[,;])|^)#([1-9])")
-    place = 0
-    while found := begins.search(answer, place):
-        place = found.start()
-        digits = answer[found.end() : found.end() + int(found[1])]
-        stop = found.end() + len(digits) + int(digits)
-        assert stop < len(answer)
-        answer = answer[:place] + b"0" + answer[stop:]
-    return answer
-
-
-def is_legal(answer: bytes, identity: bytes) -> bool:
-    """Whether an answer follows the grammar of response messages (IEEE 488.2, 8.3).
-
-    Units between semicolons, items between commas; the last unit may be the identity, or a learned message.
-    Siglent's waveforms come as bare points, to the end.
-    """
-    answer = without_blocks(re.sub(rb"WAVEDATA,.*", b"WAVEDATA,\n", answer, flags=re.DOTALL))
-    last = rb"(?:%b|\*RST(?:;:[^\n]*)?)" % re.escape(identity)
-    return bool(re.fullmatch(rb"(?:%b;)*(?:%b|%b)\n" % (UNIT, UNIT, last), answer))
-
-
-def lines_of(device: ScpiDevice, draw: random.Random) -> list[bytes]:
-    """Return a command and a question for each header that a device has, with parameters of all kinds."""
-    lines = []
-    for pattern in device.tree.actions:
-        header, _ = draw.choice(
-            [(pattern, ())] if pattern[0] == "*" else patterns_of(pattern, device.tree.largest_suffix)
-        )
-        lines.append(header.encode() + b"?")
-        lines.append(header.encode() + b" " + b",".join(draw.choices(WORDS, k=draw.choice([1, 1, 1, 2, 3]))))
-    return lines
-
-
-def some_bytes(draw: random.Random) -> bytes:
-    """Return bytes that mean nothing."""
-    return bytes(draw.choices(b"ABFREQ:;?*#,. 0123456789\"'\n\r\0\xff", k=draw.randint(0, 40)))
-
-
 def spoken(device: ScpiDevice, draw: random.Random) -> list[bytes]:
     own = {"Siglent": SIGLENT_LINES + SDG_LINES, "TEKTRONIX": AFG_LINES}
     return (
@@ -201,7 +122,7 @@ def test_no_damaged_message_escapes_or_stops_the_device(family: str, count: int)
     lines, kept = spoken(device, draw), Kept(count)
     for number in range(count):
         # when they are sent
-        data = some_bytes(draw) if number % 20 == 0 else mutated(draw.choice(lines), draw)
+        data = some_bytes(draw) if number % 20 == 0 else mutated(draw.choice(lines), LINES, draw)
         device.write(data, end=True)
         # then nothing is raised, each answer is legal, and the device still says who it is
         while (answer := device.read()) is not None:
@@ -222,7 +143,7 @@ def test_without_end_a_device_clear_is_enough_to_be_in_step_again() -> None:
     draw = random.Random("no END")
     device = GeneratorDevice(MODELS["33522B"], Watched(MODELS["33522B"]))
     for _ in range(3000):
-        data = mutated(draw.choice(LINES), draw)
+        data = mutated(draw.choice(LINES), LINES, draw)
         cut = draw.randint(0, len(data))
         device.write(data[:cut])
         device.write(data[cut:])

@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from belahil.values import RangeWindow, Trigger
 
 
+LARGEST_SHOT = (1 << 32) - 1
+"""A larger number that a client writes is no shot of any plan."""
+_MOST_DIGITS = len(str(LARGEST_SHOT))
+
+
 class ScopePort(Protocol):
     """The oscilloscope's side of the plant."""
 
@@ -76,6 +81,13 @@ class ScopeDevice(ScpiDevice):
         """Return full scale and offset in V, interval and start of a record in s, and its samples."""
         raise NotImplementedError
 
+    def interval_over(self, span_s: float, points: int) -> float:
+        """Return the interval of a record over a screen, s.
+
+        It is never shorter than the fastest rate makes it: a record then reaches beyond a short screen.
+        """
+        return max(span_s / points, 1 / self.model.max_rate_hz)
+
     def acquired(self) -> None:
         """Take notice that a record has come."""
 
@@ -125,6 +137,17 @@ class Sources(Choices):
         """Return the short form of what was sent."""
         found = _CHANNEL.fullmatch(token.text)
         return f"CHAN{found[1]}" if found and token.kind == "character" else super().read(token)
+
+
+def shot_in(digits: str) -> int | None:
+    """Return a shot number that a client wrote, None for what is none."""
+    is_number = digits.isdecimal() and len(digits) <= _MOST_DIGITS
+    return int(digits) if is_number and int(digits) <= LARGEST_SHOT else None
+
+
+def quoted(text: str) -> str:
+    """Return a text as the string of an answer."""
+    return '"' + text.replace('"', '""') + '"'
 
 
 def block(data: bytes, digits: int | None = None) -> str:

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim.devices.generator_settings import Number, Switch, Word
-from sim.devices.oscilloscopes.acquisition import ScopeDevice, ScopeFront, ScopePort, Sources, block
+from sim.devices.oscilloscopes.acquisition import (
+    ScopeDevice,
+    ScopeFront,
+    ScopePort,
+    Sources,
+    block,
+    quoted,
+    shot_in,
+)
 from sim.devices.scpi.numeric import SECOND, VOLT, read_number
 from sim.devices.scpi.parameters import Choices, read_name
 from sim.devices.scpi.status import ScpiError
@@ -100,14 +108,15 @@ class InfiniiVision(ScopeDevice):
     def shot(self) -> int | None:
         """Return the number in the label of the first channel."""
         found = _SHOT.fullmatch(self.label)
-        return int(found[1] or found[2]) if found else None
+        return shot_in(found[1] or found[2]) if found else None
 
     def view(self) -> tuple[float, float, float, float, int]:
         """Return what the screen shows: its record has as many points as are asked for."""
         # Of the screen, what is left of the reference; a division from either edge, else the middle.
-        before = {"LEFT": 0.1, "CENT": 0.5, "RIGH": 0.9}[self.reference] * self.span_s
-        interval_s = self.span_s / self.points
-        return self.range_v, self.offset_v, interval_s, self.position_s - before, self.points
+        before = {"LEFT": 0.1, "CENT": 0.5, "RIGH": 0.9}[self.reference]
+        interval_s = self.interval_over(self.span_s, self.points)
+        start_s = self.position_s - before * interval_s * self.points
+        return self.range_v, self.offset_v, interval_s, start_s, self.points
 
     def acquired(self) -> None:
         """Set the trigger event register."""
@@ -202,13 +211,14 @@ class InfiniiVision(ScopeDevice):
         add("AER", query=Action(self._take_armed))
         add("TER", query=Action(self._take_triggered))
         add("OPERegister:CONDition", query=Action(self._condition))
-        add("CHANnel#:LABel", Action(self._set_label, 1, 1), Action(lambda call: f'"{self.label}"'))
+        add("CHANnel#:LABel", Action(self._set_label, 1, 1), Action(lambda call: quoted(self.label)))
         add("WAVeform:POINts", Action(self._set_points, 1, 1), Action(lambda call: f"{self.points:+d}"))
         add("WAVeform:PREamble", query=Action(self._preamble))
         add("WAVeform:DATA", query=Action(self._data))
         for name in ("XINCrement", "XORigin", "XREFerence", "YINCrement", "YORigin", "YREFerence"):
             add(f"WAVeform:{name}", query=Action(self._field(name)))
-        add("ACQuire:SRATe", query=Action(lambda call: _told(self.points / self.span_s, 9)))
+        rate = Action(lambda call: _told(1 / self.interval_over(self.span_s, self.points), 9))
+        add("ACQuire:SRATe", query=rate)
         add("ACQuire:POINts", query=Action(lambda call: f"{self.points:+d}"))
 
 

@@ -87,8 +87,9 @@ class RigolScope(ScopeDevice):
         """Return what fills the screen: the whole memory."""
         span_s = self.scale_s * self.model.divisions
         full_scale_v = self.scale_v / CODES_A_DIVISION * self.model.code_count
-        interval_s = span_s / self.depth
-        return full_scale_v, -self.offset_v, interval_s, self.position_s - span_s / 2, self.depth
+        interval_s = self.interval_over(span_s, self.depth)
+        start_s = self.position_s - interval_s * self.depth / 2
+        return full_scale_v, -self.offset_v, interval_s, start_s, self.depth
 
     def acquired(self) -> None:
         """Stop after a single sweep."""
@@ -117,12 +118,15 @@ class RigolScope(ScopeDevice):
         return "WAIT" if self.is_armed else "RUN"
 
     def _set_depth(self, call: Call) -> None:
-        asked = round(read_number(call.parameters[0]).value)
+        asked = read_number(call.parameters[0]).value
         if not self.is_running:
             raise ScpiError(-221, "the memory depth is taken only while it runs")
         if asked not in self.model.record_lengths:
             raise ScpiError(-222, "12000, 120000, 1200000, 12000000")
-        self.depth = asked
+        self.depth = round(asked)
+
+    def _rate(self, call: Call) -> str:
+        return f"{1 / self.interval_over(self.scale_s * self.model.divisions, self.depth):.6e}"
 
     def _edge(self, field: str, call: Call) -> None:
         setattr(self, field, read_integer(call.parameters[0], 1, self.model.record_lengths[-1]))
@@ -164,8 +168,7 @@ class RigolScope(ScopeDevice):
         add("CLEar", Action(lambda call: None))
         add("TRIGger:STATus", query=Action(self._status))
         add("ACQuire:MDEPth", Action(self._set_depth, 1, 1), Action(lambda call: str(self.depth)))
-        rate = Action(lambda call: f"{self.depth / (self.scale_s * self.model.divisions):.6e}")
-        add("ACQuire:SRATe", query=rate)
+        add("ACQuire:SRATe", query=Action(self._rate))
         first = Action(lambda call: self._edge("first", call), 1, 1)
         last = Action(lambda call: self._edge("last", call), 1, 1)
         add("WAVeform:STARt", first, Action(lambda call: str(self.first)))

@@ -26,6 +26,7 @@ from sim.devices.scpi.tree import Action, Branch, Call, Found
 TRIGGER_READY, SIGNAL_ACQUIRED = 1 << 13, 1
 CODES_A_DIVISION = 25
 _DEPTH = re.compile(r"(\d+(?:\.\d+)?)([KM])", re.IGNORECASE)
+_WORD = re.compile(r"[A-Z0-9.+-]{1,16}", re.IGNORECASE | re.ASCII)
 _FACTORS = {"K": 1000, "M": 1_000_000}
 _LARGEST_POINT = (1 << 31) - 1
 _WORDS = (
@@ -88,7 +89,9 @@ class SiglentScope(ScopeDevice):
         """Return what fills the screen: the whole memory."""
         span_s = self.division_s * self.model.divisions
         full_scale_v = self.division_v / CODES_A_DIVISION * self.model.code_count
-        return full_scale_v, -self.offset_v, span_s / self.depth, -self.delay_s - span_s / 2, self.depth
+        interval_s = self.interval_over(span_s, self.depth)
+        start_s = -self.delay_s - interval_s * self.depth / 2
+        return full_scale_v, -self.offset_v, interval_s, start_s, self.depth
 
     def acquired(self) -> None:
         """Tell of a new signal, and stop."""
@@ -128,12 +131,15 @@ class SiglentScope(ScopeDevice):
         self.record()
         return "Ready" if self.is_armed else "Stop"
 
+    def _rate(self, call: Call) -> str:
+        return f"{1 / self.interval_over(self.division_s * self.model.divisions, self.depth):.2E}"
+
     def _set_depth(self, call: Call) -> None:
         found = _DEPTH.fullmatch(call.parameters[0].text)
-        depth = round(float(found[1]) * _FACTORS[found[2].upper()]) if found else 0
+        depth = float(found[1]) * _FACTORS[found[2].upper()] if found else 0
         if depth not in self.model.record_lengths:
             raise ScpiError(-222, "14K, 140K, 1.4M, 14M")
-        self.depth = depth
+        self.depth = round(depth)
 
     def _tell_depth(self, call: Call) -> str:
         return f"{self.depth // 1000}K" if self.depth < 1_000_000 else f"{self.depth / 1e6:g}M"
@@ -143,10 +149,10 @@ class SiglentScope(ScopeDevice):
             self.setup[name] = read_integer(value, 0, _LARGEST_POINT)
 
     def _set_select(self, call: Call) -> None:
-        self.trigger_select = ",".join(one.text.upper() for one in call.parameters)
+        self.trigger_select = _words(call.parameters)
 
     def _set_limit(self, call: Call) -> None:
-        self.bandwidth_limit = ",".join(one.text.upper() for one in call.parameters)
+        self.bandwidth_limit = _words(call.parameters)
 
     def _found(self, unit: Unit, branch: Branch) -> Found:
         """Find each header from the root: these words know no branches."""
@@ -171,15 +177,22 @@ class SiglentScope(ScopeDevice):
         add("FRTR", Action(lambda call: self.force()))
         add("INR", query=Action(self._take_state))
         add("SAST", query=Action(self._status))
-        rate = Action(lambda call: f"{self.depth / (self.division_s * self.model.divisions):.2E}")
-        add("SARA", query=rate)
+        add("SARA", query=Action(self._rate))
         add("SANU", query=Action(self._tell_depth, 0, 1))
         add("MSIZ", Action(self._set_depth, 1, 1), Action(self._tell_depth))
         setup = Action(lambda call: ",".join(f"{name},{value}" for name, value in self.setup.items()))
         add("WFSU", Action(self._set_setup, 2, 6), setup)
         add("TRSE", Action(self._set_select, 1, 9), Action(lambda call: self.trigger_select))
         add("BWL", Action(self._set_limit, 2, 8), Action(lambda call: self.bandwidth_limit))
-        add("C#:WF", query=Action(self._waveform, 1, 1))
+        # Behind its line feed too many no other answer could follow.
+        add("C#:WF", query=Action(self._waveform, 1, 1, ends_message=True))
+
+
+def _words(tokens: tuple[Token, ...]) -> str:
+    for one in tokens:
+        if not _WORD.fullmatch(one.text):
+            raise ScpiError(-224, one.text)
+    return ",".join(one.text.upper() for one in tokens)
 
 
 def _pairs(tokens: tuple[Token, ...], known: dict[str, int]) -> list[tuple[str, Token]]:

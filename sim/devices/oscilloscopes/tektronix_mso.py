@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sim.devices.generator_settings import Number, Switch, Word
-from sim.devices.oscilloscopes.acquisition import ScopeDevice, ScopeFront, ScopePort, block
+from sim.devices.oscilloscopes.acquisition import ScopeDevice, ScopeFront, ScopePort, block, quoted, shot_in
 from sim.devices.scpi.numeric import HERTZ, PERCENT, SECOND, VOLT
 from sim.devices.scpi.parameters import Choices, read_name
 from sim.devices.scpi.status import ScpiError
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from belahil.values import RangeWindow
 
 DIVISIONS_V = 10
+LONGEST_LABEL = 32
+"""Characters; assumed."""
 _SOURCES = Choices("CH1", "CH2", "CH3", "CH4", "AUX", "LINE")
 _SETTINGS = (
     Switch("HEADer", "headers"),
@@ -93,7 +95,7 @@ class TektronixScope(ScopeDevice):
     def shot(self) -> int | None:
         """Return the number in the label of the first channel."""
         number = self.label.removeprefix("SHOT ")
-        return int(number) if number.isdecimal() and number != self.label else None
+        return shot_in(number) if number != self.label else None
 
     def view(self) -> tuple[float, float, float, float, int]:
         """Return what the record length and the sample rate say."""
@@ -130,7 +132,7 @@ class TektronixScope(ScopeDevice):
         return "READY" if self.is_armed else "SAVE"
 
     def _set_label(self, call: Call) -> None:
-        self.label = read_name(call.parameters[0])
+        self.label = read_name(call.parameters[0])[:LONGEST_LABEL]
 
     def _force(self, call: Call) -> None:
         self.force()
@@ -182,7 +184,7 @@ class TektronixScope(ScopeDevice):
         add("ACQuire:NUMACq", query=Action(self._count))
         add("TRIGger", Action(self._force, 1, 1))
         add("TRIGger:STATE", query=Action(self._trigger_state))
-        add("CH#:LABel:NAMe", Action(self._set_label, 1, 1), Action(lambda call: f'"{self.label}"'))
+        add("CH#:LABel:NAMe", Action(self._set_label, 1, 1), Action(lambda call: quoted(self.label)))
         for name in ("XINcr", "XZEro", "YMUlt", "YOFf", "YZEro", "NR_Pt", "PT_Off", "BYT_Or", "BN_Fmt"):
             add(f"WFMOutpre:{name}", query=Action(self._field(name)))
         add("CURVe", query=Action(self._curve))

@@ -1,0 +1,121 @@
+"""Emulated oscilloscopes: what messages make of them, without a driver."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from scope_bench import config, device_of
+
+from belahil.oscilloscopes import SCOPES
+from sim.build import endpoints
+from sim.devices.oscilloscopes.acquisition import LARGEST_SHOT
+
+if TYPE_CHECKING:
+    from sim.devices.oscilloscopes.acquisition import ScopeDevice
+
+DRIVERS = sorted(SCOPES)
+LABEL = {
+    "keysight-infiniivision": (":CHAN1:LAB", ":SING;:TRIG:FORC"),
+    "tektronix-mso": (":CH1:LAB:NAM", ":ACQ:STATE RUN;:TRIG FORC"),
+}
+
+
+def ask(device: ScopeDevice, text: str) -> str:
+    """Send a message; return the last answer."""
+    device.write(text.encode("latin-1") + b"\n", end=True)
+    answer = b""
+    while (one := device.read()) is not None:
+        answer = one
+    return answer.decode("latin-1").removesuffix("\n")
+
+
+def scope(driver: str) -> ScopeDevice:
+    device = device_of(endpoints(config(driver)))
+    device.own.exchange = "stream"  # so that reading until there is no more is no error
+    return device
+
+
+@pytest.mark.parametrize(
+    ("driver", "shortest", "rate"),
+    [
+        ("keysight-infiniivision", ":TIM:RANG MIN;:SING;:TRIG:FORC", ":ACQ:SRAT?"),
+        ("rigol-ds1000z", ":TIM:SCAL 5 NS;:SING;:TFOR", ":ACQ:SRAT?"),
+        ("siglent-sds", "TDIV 1NS;TRMD SINGLE;FRTR", "SARA?"),
+    ],
+)
+def test_no_screen_is_so_short_that_samples_come_faster_than_they_can(
+    driver: str, shortest: str, rate: str
+) -> None:
+    device = scope(driver)
+    ask(device, shortest)
+    record, most_hz = device.record(), SCOPES[driver].max_rate_hz
+    assert record is not None
+    assert record.sample_interval_s == 1 / most_hz
+    assert float(ask(device, rate)) == most_hz
+    # and the record is about the trigger all the same
+    half_s = record.counts.size / most_hz / 2
+    assert record.start_s == pytest.approx(-half_s, abs=2 / most_hz)
+
+
+@pytest.mark.parametrize(
+    ("driver", "label", "shot"),
+    [
+        # a label of this one has ten characters
+        ("keysight-infiniivision", "S7", 7),
+        ("keysight-infiniivision", f"S{'9' * 5000}", 999_999_999),
+        ("keysight-infiniivision", "SHOT 12345", 12345),
+        ("tektronix-mso", "SHOT 4294967295", LARGEST_SHOT),
+        ("tektronix-mso", "SHOT 4294967296", None),
+        ("tektronix-mso", f"SHOT {'9' * 5000}", None),
+    ],
+)
+def test_only_a_number_that_a_plan_may_have_is_a_shot(driver: str, label: str, shot: int | None) -> None:
+    device, (header, start) = scope(driver), LABEL[driver]
+    ask(device, f'{header} "{label}";{start}')
+    assert device.shot() == shot
+    record = device.record()
+    assert record is not None
+    assert record.shot == (shot or 0)
+
+
+@pytest.mark.parametrize("driver", sorted(LABEL))
+def test_a_label_is_answered_as_a_string(driver: str) -> None:
+    header = LABEL[driver][0]
+    assert ask(scope(driver), f"{header} 'a\"b';{header}?") == '"a""b"'
+
+
+@pytest.mark.parametrize(
+    ("driver", "refused", "question", "answer"),
+    [
+        ("rigol-ds1000z", ":RUN;:ACQ:MDEP 1E400", ":ACQ:MDEP?", "12000"),
+        ("siglent-sds", f"MSIZ {'9' * 400}M", "MSIZ?", "14K"),
+        ("siglent-sds", "BWL C1,'\xb5'", "BWL?", "C1,OFF"),
+        ("siglent-sds", "TRSE EDGE,SR,'\"',HT,OFF", "TRSE?", "EDGE,SR,C1,HT,OFF"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_changes_nothing(
+    driver: str, refused: str, question: str, answer: str
+) -> None:
+    device = scope(driver)
+    ask(device, refused)
+    assert ask(device, question) == answer
+    assert ask(device, "SYST:ERR?").startswith("-2")
+
+
+def test_no_answer_follows_a_waveform_with_a_line_feed_too_many() -> None:
+    device = scope("siglent-sds")
+    ask(device, "TRMD SINGLE;FRTR;WFSU FP,0,NP,4")
+    answer = ask(device, "C1:WF? DAT2;*OPC?")
+    assert answer.startswith("DAT2,#9000000004")
+    assert len(answer) == len("DAT2,#9000000004") + 4 + 1
+    assert ask(device, "SYST:ERR?").startswith("-440")
+
+
+def test_of_many_sample_rates_few_receivers_are_kept() -> None:
+    device = scope("keysight-infiniivision")
+    ask(device, ":TRIG:SWE AUTO")
+    for number in range(20):
+        ask(device, f":TIM:RANG {1e-5 * (1 + number)};:SING")
+    front = device._front
+    assert len(front._models) <= 8  # type: ignore[attr-defined]
