@@ -345,6 +345,22 @@ def test_voltage_limits_hold_and_are_refused_inside_of_the_waveform() -> None:
     assert bench.errors() == [-221]
 
 
+@pytest.mark.parametrize(
+    ("limits", "amplitude", "offset"), [("HIGH 2;LOW -2", 4.0, 0.0), ("LOW 5;:VOLT:OFFS 5", 1e-3, 4.9995)]
+)
+def test_an_amplitude_that_limits_beside_a_constant_do_not_allow_is_reduced(
+    limits: str, amplitude: float, offset: float
+) -> None:
+    # given limits that were set while the large amplitude was not played
+    bench = Bench()
+    bench.send("VOLT 10;:FUNC DC", f"VOLT:LIM:{limits}", "VOLT:LIM:STAT ON")
+    assert bench.errors() == []
+    # when a waveform is chosen, then it fits into them, or is the smallest below the largest voltage
+    bench.send("FUNC SIN")
+    assert [float(bench.ask(q)) for q in ("VOLT?", "VOLT:OFFS?")] == pytest.approx([amplitude, offset])
+    assert set(bench.errors()) == {-221}
+
+
 @given(
     amplitude=st.floats(0.01, 4.0),
     offset=st.floats(-2.0, 2.0),

@@ -132,6 +132,10 @@ def test_the_afg_adjusts_and_tells(afg: Talk, command: str, query: str, becomes:
     assert afg("SYST:ERR?") == '0,"No error"'
 
 
+def test_the_largest_count_of_an_afg_is_a_whole_number(afg: Talk) -> None:
+    assert afg("SOUR1:BURS:NCYC MAX;NCYC?") == "1000000"
+
+
 def test_an_afg_takes_the_trigger_of_the_bus_beside_that_of_the_connector(port: Port) -> None:
     # given a burst that waits for the connector
     device = generator_device(MODELS["AFG3152C"], port)

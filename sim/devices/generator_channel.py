@@ -118,9 +118,10 @@ class Levels:
 
     @property
     def offset_span_v(self) -> tuple[float, float]:
-        """Smallest and largest offset beside the present amplitude."""
+        """Smallest and largest offset beside the present amplitude; equal where limits are too close."""
         low, high = self.window_v
-        return low + self.half_v, max(high - self.half_v, low + self.half_v)
+        lowest = min(low + self.half_v, self.peak_v - self.half_v)
+        return lowest, max(high - self.half_v, lowest)
 
     @property
     def most_hz(self) -> float:
@@ -136,13 +137,13 @@ class Levels:
         """Round to the frequency grid and clamp."""
         clamped = clamp(hertz, self.model.min_sine_hz, self.most_hz, self.report)
         self.frequency_hz = round_to_step(clamped, self.model.frequency_step_hz)
-        self._fit_amplitude()
+        self._fit_amplitude(self._most_vpp_here, "frequency")
 
-    def _fit_amplitude(self) -> None:
-        """Reduce an amplitude that the present frequency does not allow, with an error."""
-        if self.amplitude_vpp > self._most_vpp_here * (1 + LIMIT_SLACK):
-            self.amplitude_vpp = self._most_vpp_here
-            self.report(ScpiError(self.model.conflict_code, "amplitude reduced for the new frequency"))
+    def _fit_amplitude(self, most_vpp: float, new: str) -> None:
+        """Reduce an amplitude that something new does not allow, with an error."""
+        if self.amplitude_vpp > most_vpp * (1 + LIMIT_SLACK):
+            self.amplitude_vpp = most_vpp
+            self.report(ScpiError(self.model.conflict_code, f"amplitude reduced for the new {new}"))
 
     def set_function(self, name: str) -> None:
         """Choose a shape; what the new one cannot do is reduced, with -221."""
@@ -150,7 +151,11 @@ class Levels:
         if self.frequency_hz > self.most_hz:
             self.frequency_hz = self.most_hz
             self.report(ScpiError(self.model.conflict_code, "frequency reduced for the new function"))
-        self._fit_amplitude()
+        self._fit_amplitude(self._most_vpp_here, "frequency")
+        if name != "DC":
+            # Limits that were set beside a constant voltage may lie closer than the amplitude it has kept.
+            low, high = self.window_v
+            self._fit_amplitude(max(high - low, self.least_vpp), "function")
         lowest, highest = self.offset_span_v
         if not lowest - LIMIT_SLACK <= self.offset_v <= highest + LIMIT_SLACK:
             self.offset_v = min(max(self.offset_v, lowest), highest)

@@ -63,7 +63,9 @@ def answer_number(value: float) -> str:
 
 def answer_short(value: float) -> str:
     """Write a load or a count: a whole number as it is."""
-    return answer_number(value) if math.isinf(value) else f"{value:g}"
+    if math.isinf(value):
+        return answer_number(value)
+    return f"{value:.0f}" if value.is_integer() else f"{value:g}"
 
 
 @dataclass(slots=True)
