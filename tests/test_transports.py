@@ -135,6 +135,19 @@ def test_clear_status_byte_trigger_and_flush_reach_the_device() -> None:
         resource.visalib.assert_trigger(resource.session, TriggerProtocol.default)
 
 
+def test_a_trigger_before_the_rest_of_an_answer_was_read_interrupts_it() -> None:
+    # given an instrument whose answer was read in part
+    clock = PlantClock()
+    manager = pyvisa.ResourceManager(EmulatedVisa(clock).plug(NAME, ScpiDevice("A,B,C,D")))
+    with closing(manager.open_resource(NAME)) as resource:
+        assert isinstance(resource, pyvisa.resources.USBInstrument)
+        resource.write("*IDN?")
+        assert resource.read_bytes(1) == b"A"
+        # when it is triggered, then the rest is gone, which is an error, as is the trigger here
+        resource.assert_trigger()
+        assert [resource.query("SYST:ERR?")[:4] for _ in range(3)] == ["-410", "-211", '+0,"']
+
+
 def test_names_attributes_and_what_is_not_there() -> None:
     clock = PlantClock()
     library = EmulatedVisa(clock).plug(NAME, Messages()).plug("GPIB0::3::INSTR", Messages())

@@ -144,12 +144,17 @@ class EmulatedVisa(VisaLibraryBase):
     def write(self, session: VISASession, data: bytes) -> tuple[int, StatusCode]:
         """Hand over a message, with END unless that is switched off."""
         opened = self._opened(session)
+        self._send(session, bytes(data), bool(opened.attributes[ResourceAttribute.send_end_enabled]))
+        return len(data), self.handle_return_value(session, StatusCode.success)
+
+    def _send(self, session: VISASession, data: bytes, end: bool) -> None:
+        """Hand over bytes; with the rest of an answer unread that is an interruption."""
+        opened = self._opened(session)
         if opened.unread and isinstance(opened.device, ScpiDevice):
             opened.unread.clear()
             opened.device.own.interrupted()
         with self._telling(session):
-            opened.device.write(bytes(data), bool(opened.attributes[ResourceAttribute.send_end_enabled]))
-        return len(data), self.handle_return_value(session, StatusCode.success)
+            opened.device.write(data, end)
 
     def read(self, session: VISASession, count: int) -> tuple[bytes, StatusCode]:
         """Give at most `count` bytes of one response message.
@@ -204,7 +209,7 @@ class EmulatedVisa(VisaLibraryBase):
 
     def assert_trigger(self, session: VISASession, protocol: constants.TriggerProtocol) -> StatusCode:
         """Trigger the device, which does what ``*TRG`` does."""
-        self._opened(session).device.write(b"*TRG\n", True)
+        self._send(session, b"*TRG\n", True)
         return self.handle_return_value(session, StatusCode.success)
 
     def get_attribute(self, session: Any, attribute: Any) -> tuple[Any, StatusCode]:
