@@ -136,3 +136,19 @@ def test_with_a_run_a_gain_that_differs_is_status_1(tmp_path: Path, capsys: Capt
     # and the other one does not
     assert main(["bench", "check", str(file), "--receiver", run]) == 1
     assert "differs by +" in capsys.readouterr().out
+
+
+def test_a_check_is_recorded_and_comes_again(tmp_path: Path, capsys: Captured) -> None:
+    # given a check of the emulated bench, recorded
+    file = tmp_path / "check.rec"
+    assert main(["bench", "check", "--record", str(file)]) == 0
+    told = capsys.readouterr().out
+    # when the recording is checked
+    assert main(["bench", "check", f"replay:{file}"]) == 0
+    # then it tells the same
+    assert capsys.readouterr().out == told
+    # and neither it nor a bench without links is recorded
+    for bench in ("simulated", f"replay:{file}"):
+        assert main(["bench", "check", bench, "--record", str(tmp_path / "again.rec")]) == 2
+    assert "has no links to record" in capsys.readouterr().err
+    assert not (tmp_path / "again.rec").exists()

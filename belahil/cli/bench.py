@@ -79,6 +79,12 @@ def show(file: str | None, bench: str | None) -> int:
     metavar="RUN",
     help="Compare with this run of characterize in place of the preset.",
 )
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Record every byte of the links in this new file.",
+)
 def check(
     file: str | None,
     bench: str | None,
@@ -86,6 +92,7 @@ def check(
     link: str | None,
     seed: int | None,
     receiver: Path | None,
+    record: Path | None,
 ) -> int:
     """Ask both instruments who they are, measure noise, a sine and pulses, and say a line for each.
 
@@ -104,7 +111,7 @@ def check(
 
         known = characterized_receiver(receiver)
     agrees = True
-    with closing(open_bench(config, seed=seed)) as opened:
+    with closing(open_bench(config, seed=seed, record=record)) as opened:
         for fact in tried(opened, known):
             print(fact.line, flush=True)
             agrees &= fact.agrees
