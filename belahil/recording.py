@@ -202,6 +202,10 @@ class RecordedSession:
         Of the emulation; None where real addresses answered.
     config : BenchConfig
         The bench with its recording in place of its instruments.
+    recorded : BenchConfig
+        The bench as it was used; of its ``[emulation]`` only the seed is known.
+    instruments : dict
+        Who answered, by link; empty where the bench did not open.
     procedure : str
         Empty when none was begun.
     options : dict
@@ -215,6 +219,8 @@ class RecordedSession:
     source: str
     seed: int | None
     config: BenchConfig
+    recorded: BenchConfig
+    instruments: dict[str, str]
     procedure: str = ""
     options: dict[str, Any] | None = None
 
@@ -247,14 +253,18 @@ def read_session(path: str | Path) -> RecordedSession:
             header = msgspec.json.decode(data, type=_Header)
         except msgspec.DecodeError as error:
             raise StorageError(f"{path}: its header is damaged: {error}") from error
-        is_open = False
+        instruments: dict[str, str] = {}
         for record, data in records:
             if record.kind == "run":
                 run = json.loads(data)
-            is_open = is_open or record.kind == "instruments"
+            if record.kind == "instruments":
+                instruments = json.loads(data)
             # A run is noted between the opening of the bench and its first exchange.
-            if run or (is_open and record.link) or record.kind == "closing":
+            if run or (instruments and record.link) or record.kind == "closing":
                 break
+    bench = parse_bench(header.bench, f"bench in {path}")
+    if header.seed is not None:
+        bench = replace(bench, emulation=EmulationTable(seed=header.seed))
     return RecordedSession(
         path,
         header.belahil,
@@ -262,20 +272,21 @@ def read_session(path: str | Path) -> RecordedSession:
         header.command,
         header.source,
         header.seed,
-        _replaying(parse_bench(header.bench, f"bench in {path}"), path, header.seed),
+        _replaying(bench, path),
+        bench,
+        instruments,
         run.get("procedure", ""),
         run.get("options"),
     )
 
 
-def _replaying(config: BenchConfig, path: Path, seed: int | None) -> BenchConfig:
+def _replaying(config: BenchConfig, path: Path) -> BenchConfig:
     """Return a bench with a recording in place of its instruments."""
     place = f"{REPLAY}{path}"
     return replace(
         config,
         generator=replace(config.generator, address=place, visa_library=""),
         digitizer=replace(config.digitizer, link=place),
-        emulation=EmulationTable() if seed is None else EmulationTable(seed=seed),
     )
 
 

@@ -136,6 +136,42 @@ def twin(run: Path, file: Path, seed: int) -> int:
     return 0
 
 
+@command.command("parity", short_help="Do emulated instruments answer as the recorded ones did?")
+@click.argument("recording", type=click.Path(path_type=Path), metavar="RECORDING")
+@click.option(
+    "--bench", metavar="FILE", help="Emulated bench, such as a twin, in place of the recorded bench file."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write all of it there as JSON; an older one is replaced.",
+)
+@click.option(
+    "--examples",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Differences that are shown for each question.",
+)
+def parity(recording: Path, bench: str | None, out: Path | None, examples: int) -> int:
+    """Write what a RECORDING wrote to emulated instruments, and compare their answers with the recorded ones.
+
+    Status 1 when an answer differs in its words, its error or its shape. Numbers that were measured are told
+    apart and may differ.
+    """
+    from belahil.cli.bench_parity import beside, report_lines, written
+
+    found = beside(recording, bench, examples)
+    for line in report_lines(found):
+        print(line)
+    if out is not None:
+        written(found, out)
+        print(f"all of it: {out}")
+    return 1 if found.parity.differ else 0
+
+
 def _one_of(file: str | None, bench: str | None) -> str | None:
     """Return the bench, which may stand as an argument or behind ``--bench``."""
     if file is not None and bench not in (None, file):
