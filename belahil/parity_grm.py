@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.grm_link import Answer, Framing
-    from belahil.parity import DifferenceKind, Tally
+    from belahil.parity import DifferenceKind
+    from belahil.parity_tally import Tally
     from belahil.recording_file import Record
     from belahil.values import RangeWindow
 

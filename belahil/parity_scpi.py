@@ -14,7 +14,8 @@ from belahil.scpi_text import Block, error_entry, fields, header_of, read_field,
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from belahil.parity import DifferenceKind, Tally
+    from belahil.parity import DifferenceKind
+    from belahil.parity_tally import Tally
 
 _MARK = "*ESE"
 _ERRORS = re.compile(r"SYST(EM)?:ERR(OR)?(:NEXT)?\?")

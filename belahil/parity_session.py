@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Protocol
 
 from belahil.errors import RefusedInput, StorageError
 from belahil.oscilloscopes import SCOPES
-from belahil.parity import Parity, Tally
 from belahil.parity_grm import GrmTalk
 from belahil.parity_scpi import SAMPLES, ScpiTalk
 from belahil.parity_talk import Answering, Talk
+from belahil.parity_tally import Tally
 from belahil.recording_file import Record, RecordingReader
 
 if TYPE_CHECKING:
     from belahil.interfaces import Clock
+    from belahil.parity import Parity
     from belahil.recording import RecordedSession
 
 _IDENTITY = re.compile(rb"(?:^|;)([^;\n]*,[^;\n]*,[^;\n]*,[^;\n]*)\r?\n")

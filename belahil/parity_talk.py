@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from belahil.parity import Tally
+    from belahil.parity_tally import Tally
     from belahil.recording_file import Record
 
 

@@ -153,7 +153,7 @@ def twin(run: Path, file: Path, seed: int) -> int:
     default=3,
     show_default=True,
     metavar="N",
-    help="Differences that are shown for each question.",
+    help="Differences of each kind that are shown for each question.",
 )
 def parity(recording: Path, bench: str | None, out: Path | None, examples: int) -> int:
     """Write what a RECORDING wrote to emulated instruments, and compare their answers with the recorded ones.
@@ -161,7 +161,8 @@ def parity(recording: Path, bench: str | None, out: Path | None, examples: int) 
     Status 1 when an answer differs in its words, its error or its shape. Numbers that were measured are told
     apart and may differ.
     """
-    from belahil.cli.bench_parity import beside, report_lines, written
+    from belahil.cli.bench_parity import beside, written
+    from belahil.cli.bench_parity_told import report_lines
 
     found = beside(recording, bench, examples)
     for line in report_lines(found):
