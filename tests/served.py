@@ -32,7 +32,7 @@ def port_of(address: str) -> int:
     """TCP port in a VISA resource name or a socket URL."""
     if address.startswith("socket"):
         return int(address.rpartition(":")[2])
-    return int(address.split("::")[2].rpartition(",")[2])
+    return int(address.removeprefix("visa:").split("::")[2].rpartition(",")[2])
 
 
 class RawClient:
@@ -46,6 +46,10 @@ class RawClient:
         """Send a message and return the line that answers it."""
         self.line.sendall(message)
         return self._file.readline()
+
+    def read(self, count: int) -> bytes:
+        """Return so many bytes."""
+        return self._file.read(count)
 
     def close(self) -> None:
         """Hang up."""

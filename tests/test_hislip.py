@@ -23,7 +23,7 @@ from belahil.values import WindowRequest
 from drivers.visa_link import VisaLink
 from sim.devices.generator import GeneratorDevice
 from sim.devices.scpi import ScpiDevice
-from sim.transports.hislip import HislipInstrument, HislipWire
+from sim.transports.hislip import HislipPort, HislipWire
 from sim.transports.hislip_messages import HEADER, Kind, Message
 from tests.served import RawClient, port_of, served
 
@@ -47,9 +47,9 @@ class Port:
 class Client:
     """Both wires of a client, without a network."""
 
-    def __init__(self, instrument: HislipInstrument) -> None:
-        self.sync, self.aside = instrument.wire(), instrument.wire()
-        (answer,) = self.say(Message(Kind.INITIALIZE, 0, 0x01007878, b"hislip0"))
+    def __init__(self, port: HislipPort, address: bytes = b"hislip0") -> None:
+        self.sync, self.aside = port.wire(), port.wire()
+        (answer,) = self.say(Message(Kind.INITIALIZE, 0, 0x01007878, address))
         assert (answer.kind, answer.control, answer.parameter >> 16) == (Kind.INITIALIZE_RESPONSE, 0, 0x0100)
         self.number = answer.parameter & 0xFFFF
         (answer,) = self.say_aside(Message(Kind.ASYNC_INITIALIZE, 0, self.number))
@@ -93,8 +93,8 @@ def device() -> ScpiDevice:
 
 
 @pytest.fixture
-def instrument(device: ScpiDevice) -> HislipInstrument:
-    return HislipInstrument(device, most_clients=3, now_s=lambda: 100.0)
+def port(device: ScpiDevice) -> HislipPort:
+    return HislipPort([device], most_clients=3, now_s=lambda: 100.0)
 
 
 @contextmanager
@@ -189,8 +189,8 @@ def _ask_thrice(link: VisaLink) -> None:
 # ---- the rules, without a network
 
 
-def test_an_answer_carries_the_number_of_its_question(instrument: HislipInstrument) -> None:
-    client = Client(instrument)
+def test_an_answer_carries_the_number_of_its_question(port: HislipPort) -> None:
+    client = Client(port)
     for expected in (0xFFFFFF00, 0xFFFFFF02):
         (answer,) = client.say(client.data(b"*OPC?", 0 if expected == 0xFFFFFF00 else 1))
         assert answer == Message(Kind.DATA_END, 0, expected, b"1\n")
@@ -202,8 +202,8 @@ def test_an_answer_carries_the_number_of_its_question(instrument: HislipInstrume
     assert answer.payload.startswith(b"Agilent")
 
 
-def test_a_message_is_available_until_it_is_said_to_be_read(instrument: HislipInstrument) -> None:
-    client = Client(instrument)
+def test_a_message_is_available_until_it_is_said_to_be_read(port: HislipPort) -> None:
+    client = Client(port)
     assert client.status() & 16 == 0
     client.say(client.data(b"*OPC?"))
     assert client.status() & 16
@@ -217,16 +217,16 @@ def test_a_message_is_available_until_it_is_said_to_be_read(instrument: HislipIn
     assert answer.payload.decode().strip() == NO_ERROR
 
 
-def test_an_answer_that_was_not_read_is_error_410(instrument: HislipInstrument) -> None:
-    client = Client(instrument)
+def test_an_answer_that_was_not_read_is_error_410(port: HislipPort) -> None:
+    client = Client(port)
     client.say(client.data(b"*OPC?"))
     # when the next question comes without a word of that answer
     (answer,) = client.say(client.data(b"SYST:ERR?"))
     assert answer.payload.startswith(b"-410,")
 
 
-def test_a_question_behind_a_question_interrupts_it(instrument: HislipInstrument) -> None:
-    client = Client(instrument)
+def test_a_question_behind_a_question_interrupts_it(port: HislipPort) -> None:
+    client = Client(port)
     first, second = client.data(b"*OPC?"), client.data(b"SYST:ERR?")
     said = client.say(first, second)
     assert said[0] == Message(Kind.INTERRUPTED, 0, second.parameter)
@@ -235,8 +235,8 @@ def test_a_question_behind_a_question_interrupts_it(instrument: HislipInstrument
     assert unpacked(client.aside.take()) == [Message(Kind.ASYNC_INTERRUPTED, 0, second.parameter)]
 
 
-def test_a_device_clear_drops_everything_between_its_two_halves(instrument: HislipInstrument) -> None:
-    client = Client(instrument)
+def test_a_device_clear_drops_everything_between_its_two_halves(port: HislipPort) -> None:
+    client = Client(port)
     client.say(client.data(b"DATA:ARB:DAC A,#41000xx", kind=Kind.DATA))
     assert client.say_aside(Message(Kind.ASYNC_DEVICE_CLEAR)) == [
         Message(Kind.ASYNC_DEVICE_CLEAR_ACKNOWLEDGE)
@@ -249,8 +249,8 @@ def test_a_device_clear_drops_everything_between_its_two_halves(instrument: Hisl
     assert answer.payload.decode().strip() == NO_ERROR
 
 
-def test_service_is_requested_once_for_each_reason(instrument: HislipInstrument) -> None:
-    client = Client(instrument)
+def test_service_is_requested_once_for_each_reason(port: HislipPort) -> None:
+    client = Client(port)
     client.say(client.data(b"*SRE 4"))
     client.say(client.data(b"FOO"))
     # when the error queue is not empty any more
@@ -271,8 +271,8 @@ def test_service_is_requested_once_for_each_reason(instrument: HislipInstrument)
 
 def test_locks_keep_others_waiting_until_they_are_released(device: ScpiDevice) -> None:
     now_s = 0.0
-    instrument = HislipInstrument(device, 4, lambda: now_s)
-    holder, other = Client(instrument), Client(instrument)
+    port = HislipPort([device], 4, lambda: now_s)
+    holder, other = Client(port), Client(port)
     lock, release = Message(Kind.ASYNC_LOCK, 1, 500), Message(Kind.ASYNC_LOCK, 0)
 
     def control(said: list[Message]) -> int:
@@ -303,8 +303,26 @@ def test_locks_keep_others_waiting_until_they_are_released(device: ScpiDevice) -
     assert holder.aside.finished
 
 
-def test_a_shared_lock_keeps_out_those_without_its_key(instrument: HislipInstrument) -> None:
-    first, second, third = (Client(instrument) for _ in range(3))
+def test_instruments_at_one_port_have_their_own_clients_and_locks(device: ScpiDevice) -> None:
+    # given two instruments, for one client each
+    port = HislipPort([device, ScpiDevice("another,b,c,d")], 1)
+    first, second = Client(port), Client(port, b"HiSLIP1")
+    assert first.number != second.number
+    # when the first is locked, then the second is free, and its own
+    (answer,) = first.say_aside(Message(Kind.ASYNC_LOCK, 1, 500))
+    assert answer.control == 1
+    assert second.say_aside(Message(Kind.ASYNC_LOCK_INFO)) == [Message(Kind.ASYNC_LOCK_INFO_RESPONSE, 0, 0)]
+    (answer,) = second.say(second.data(b"*IDN?"))
+    assert answer.payload == b"another,b,c,d\n"
+    # and each has room for one client alone, whoever leaves the other
+    second.sync.gone()
+    assert Client(port, b"hislip1")
+    with pytest.raises(AssertionError):
+        Client(port)
+
+
+def test_a_shared_lock_keeps_out_those_without_its_key(port: HislipPort) -> None:
+    first, second, third = (Client(port) for _ in range(3))
 
     def lock(client: Client, key: bytes) -> int:
         (answer,) = client.say_aside(Message(Kind.ASYNC_LOCK, 1, 0, key))
@@ -331,27 +349,25 @@ def test_a_shared_lock_keeps_out_those_without_its_key(instrument: HislipInstrum
         (Message(Kind.INITIALIZE, 0, 0x01000000).packed() * 2, 3),
     ],
 )
-def test_what_cannot_be_gone_on_with_is_a_fatal_error(
-    instrument: HislipInstrument, first: bytes, code: int
-) -> None:
-    wire = instrument.wire()
+def test_what_cannot_be_gone_on_with_is_a_fatal_error(port: HislipPort, first: bytes, code: int) -> None:
+    wire = port.wire()
     wire.feed(first)
     *_, error = unpacked(wire.take())
     assert (error.kind, error.control) == (Kind.FATAL_ERROR, code)
     assert error.payload
     assert wire.finished
-    assert instrument.sessions == {}
+    assert port.sessions == {}
 
 
-def test_one_client_too_many_is_told_so(instrument: HislipInstrument) -> None:
-    clients = [Client(instrument) for _ in range(3)]
-    wire = instrument.wire()
+def test_one_client_too_many_is_told_so(port: HislipPort) -> None:
+    clients = [Client(port) for _ in range(3)]
+    wire = port.wire()
     wire.feed(Message(Kind.INITIALIZE, 0, 0x01000000).packed())
     (error,) = unpacked(wire.take())
     assert (error.kind, error.control) == (Kind.FATAL_ERROR, 4)
     # and when one leaves there is room, under a number that is free
     clients[1].aside.gone()
-    assert Client(instrument).number not in (clients[0].number, clients[2].number)
+    assert Client(port).number not in (clients[0].number, clients[2].number)
 
 
 @pytest.mark.parametrize(
@@ -370,9 +386,9 @@ def test_one_client_too_many_is_told_so(instrument: HislipInstrument) -> None:
     ],
 )
 def test_what_is_not_understood_costs_one_message(
-    instrument: HislipInstrument, aside: bool, message: Message, code: int
+    port: HislipPort, aside: bool, message: Message, code: int
 ) -> None:
-    client = Client(instrument)
+    client = Client(port)
     (error,) = (client.say_aside if aside else client.say)(message)
     assert (error.kind, error.control) == (Kind.ERROR, code)
     assert error.payload
@@ -384,8 +400,8 @@ def test_what_is_not_understood_costs_one_message(
     assert answer.payload.decode().strip() == NO_ERROR
 
 
-def test_a_fatal_error_of_the_client_ends_both_connections(instrument: HislipInstrument) -> None:
-    client = Client(instrument)
+def test_a_fatal_error_of_the_client_ends_both_connections(port: HislipPort) -> None:
+    client = Client(port)
     assert client.say(Message(Kind.ERROR, 1, 0, b"never mind")) == []
     assert client.say(Message(Kind.FATAL_ERROR, 1, 0, b"enough")) == []
     client.aside.take()
@@ -410,9 +426,9 @@ def test_no_bytes_break_the_server_and_all_it_says_are_messages(
     fed: list[tuple[int, bytes]], portion: int
 ) -> None:
     now_s = 0.0
-    instrument = HislipInstrument(ScpiDevice("a,b,c,d"), 4, lambda: now_s)
-    client, bystander = Client(instrument), Client(instrument)
-    wires = [client.sync, client.aside, instrument.wire(), instrument.wire()]
+    port = HislipPort([ScpiDevice("a,b,c,d")], 4, lambda: now_s)
+    client, bystander = Client(port), Client(port)
+    wires = [client.sync, client.aside, port.wire(), port.wire()]
     for index, stream in fed:
         # when anything arrives anywhere, in any portions
         for place in range(0, len(stream), portion):
@@ -425,7 +441,7 @@ def test_no_bytes_break_the_server_and_all_it_says_are_messages(
         wire.gone()
     (answer,) = bystander.say(bystander.data(b"*IDN?"))
     assert answer.payload == b"a,b,c,d\n"
-    assert set(instrument.sessions) == {bystander.number}
+    assert set(port.sessions) == {bystander.number}
 
 
 def _say(wire: HislipWire) -> None:
@@ -436,10 +452,10 @@ def _say(wire: HislipWire) -> None:
 
 def test_junk_from_the_network_stops_nobody() -> None:
     with served() as (places, _), RawClient(port_of(places.address)) as scpi:
-        port = port_of(places.hislip_address)
+        number = port_of(places.hislip_address)
         with opened(places.hislip_address) as generator:
             for junk in (b"\0" * 100, b"HS" + b"\xff" * 200, b"GET / HTTP/1.0\r\n\r\n"):
-                with socket.create_connection(("127.0.0.1", port), timeout=10) as stranger:
+                with socket.create_connection(("127.0.0.1", number), timeout=10) as stranger:
                     stranger.sendall(junk)
                     said = b""
                     while part := stranger.recv(4096):
@@ -447,7 +463,7 @@ def test_junk_from_the_network_stops_nobody() -> None:
                 (error,) = unpacked(said)
                 assert error.kind == Kind.FATAL_ERROR
             # and one that leaves in the middle of a header
-            with socket.create_connection(("127.0.0.1", port), timeout=10) as stranger:
+            with socket.create_connection(("127.0.0.1", number), timeout=10) as stranger:
                 stranger.sendall(b"HS\0\0")
             assert generator.query("*OPC?").strip() == "1"
         assert scpi.ask(b"*OPC?\n") == b"1\n"

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import queue
 import random
-import threading
 
 import numpy as np
 import pytest
 from hidden_receivers import found
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from msgspec.structs import replace as replace_struct
 from scope_bench import PULSE, SCRIPT, config, device_of, opened
 
 from belahil import butterworth
@@ -36,7 +33,6 @@ from sim.build import endpoints
 from sim.draws import Draws
 from sim.faults import Fault, FaultPlan
 from sim.plant import PlantClock
-from sim.transports.server import Served, Serving, serve
 
 DRIVERS = sorted(SCOPES)
 QUIET = "noise_rms_v_by_code = [0.0]"
@@ -376,31 +372,6 @@ def test_what_is_no_block_is_an_error_and_no_bytes(block: bytes) -> None:
     begin = 2 + size
     assert block[begin : begin + int(block[2:begin])] == data
     assert not block[begin + len(data) :].strip(b"\n\r\t \x0b\x0c\x1c\x1d\x1e\x1f\x85\xa0")
-
-
-@pytest.mark.parametrize("driver", ["rigol-ds1000z", "siglent-sds"])
-def test_an_oscilloscope_in_another_thread_gives_the_same_windows_over_tcp(driver: str) -> None:
-    # given the windows of the simulated bench, and the emulated one served over TCP
-    with open_bench(config(driver, "simulated")) as bench:
-        reference = [bench.measure(stimulus, request).window for stimulus, request in SCRIPT[2:5]]
-    there: queue.Queue[Served] = queue.Queue()
-    server = threading.Thread(target=serve, args=(config(driver), there.put, Serving()))
-    server.start()
-    try:
-        served = there.get(timeout=30)
-        whole = config(driver)
-        client = replace_struct(
-            whole,
-            generator=replace_struct(whole.generator, address=served.address, visa_library="@py"),
-            digitizer=replace_struct(whole.digitizer, link=served.link),
-        )
-        # when it is measured there, then every window is equal
-        with open_bench(client) as bench:
-            windows = [bench.measure(stimulus, request).window for stimulus, request in SCRIPT[2:5]]
-    finally:
-        served.stop()
-        server.join(10)
-    assert all(map(same, windows, reference))
 
 
 @pytest.mark.slow

@@ -95,6 +95,8 @@ def test_too_many_clients_are_sent_away_and_said() -> None:
 @NO_PTY
 def test_generator_and_receiver_are_at_pseudo_terminals_too() -> None:
     with served(Serving(pty=True)) as (places, lines):
+        # the receiver speaks no SCPI, so HiSLIP has one instrument
+        assert places.hislip_link == ""
         path = places.pty_address.removeprefix("ASRL").removesuffix("::INSTR")
         # given a client that leaves a block unfinished, and closes
         with serial.Serial(path, timeout=10) as leaving:

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option("--scpi-port", type=click.IntRange(0, 65535), default=0, help="Port of the generator; 0: any.")
 @click.option("--link-port", type=click.IntRange(0, 65535), default=0, help="Port of the receiver; 0: any.")
-@click.option("--hislip-port", type=click.IntRange(0, 65535), default=0, help="HiSLIP port of the generator.")
+@click.option("--hislip-port", type=click.IntRange(0, 65535), default=0, help="Port of HiSLIP; 0: any.")
 @click.option("--pty", is_flag=True, help="Offer both at pseudo-terminals too (not on Windows).")
 @click.option(
     "--baud",
     type=click.FloatRange(min=1),
     metavar="RATE",
-    help="Bytes leave no faster on the receiver's link and on pseudo-terminals, ten bits each.",
+    help="Bytes leave no faster on the GRM link and on pseudo-terminals, ten bits each.",
 )
 @click.option(
     "--latency-ms",
@@ -84,7 +84,7 @@ def command(
             write_whole(client, text)
         for name, places in (
             ("generator:", (served.address, served.hislip_address, served.pty_address)),
-            ("receiver: ", (served.link, served.pty_link)),
+            ("receiver: ", (served.link, served.hislip_link, served.pty_link)),
         ):
             for place in filter(None, places):
                 print(f"# {name} {place}")

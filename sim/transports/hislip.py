@@ -1,4 +1,4 @@
-"""HiSLIP (IVI-6.1, revision 1.0, synchronized mode): an instrument at two TCP connections for each client.
+"""HiSLIP (IVI-6.1, revision 1.0, synchronized mode): instruments at two TCP connections for each client.
 
 The synchronous connection carries messages with their ends, triggers and the end of a device clear. The
 asynchronous one carries status queries, device clears, service requests and locks.
@@ -28,35 +28,33 @@ from sim.transports.hislip_messages import (
 from sim.transports.hislip_session import MOST_PAYLOAD_BYTES, Session
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from sim.devices.scpi import ScpiDevice
 
-SUB_ADDRESS = "hislip0"
 _VERSION = 0x0100
 _MOST_HELD_BYTES = 2 * MOST_PAYLOAD_BYTES
 _MOST_SESSIONS = 0xFFFF
 _LONGEST_KEY = 256
 
 
-class HislipInstrument:
-    """An instrument, its clients and their locks.
+class HislipPort:
+    """The instruments behind one port, their clients and their locks.
 
     Parameters
     ----------
-    device : ScpiDevice
-        What all of them talk to.
+    devices : sequence of ScpiDevice
+        At sub-addresses hislip0, hislip1 and so on; a client that names none gets the first.
     most_clients : int
-        At once; a further one is told so by fatal error 4.
+        Of each at once; a further one is told so by fatal error 4.
     now_s : callable
         Time for the waits for locks.
     """
 
     def __init__(
-        self, device: ScpiDevice, most_clients: int, now_s: Callable[[], float] = time.monotonic
+        self, devices: Sequence[ScpiDevice], most_clients: int, now_s: Callable[[], float] = time.monotonic
     ) -> None:
-        self.device = device
-        self.locks = Locks()
+        self._devices = {sub_address(place): (device, Locks()) for place, device in enumerate(devices)}
         self.now_s = now_s
         self.sessions: dict[int, Session] = {}
         self._most_clients = most_clients
@@ -74,32 +72,40 @@ class HislipInstrument:
         FatalProblem
             For an instrument that is not here, or one client too many.
         """
-        address = message.payload.decode("latin-1")
-        if address.lower() not in ("", SUB_ADDRESS):
-            raise FatalProblem(Fatal.POOR_INITIALIZATION, f"no instrument here but {SUB_ADDRESS}")
+        address = message.payload.decode("latin-1").lower() or sub_address(0)
+        if address not in self._devices:
+            raise FatalProblem(
+                Fatal.POOR_INITIALIZATION, f"no instrument here but {' and '.join(self._devices)}"
+            )
         if message.parameter >> 16 < _VERSION:
             raise FatalProblem(Fatal.POOR_INITIALIZATION, "versions from 1.0 on are understood")
-        if len(self.sessions) >= self._most_clients:
+        device, locks = self._devices[address]
+        if sum(session.device is device for session in self.sessions.values()) >= self._most_clients:
             raise FatalProblem(
                 Fatal.TOO_MANY_CLIENTS, f"{self._most_clients} clients are there, which is all"
             )
         while self._last_number in self.sessions or not self._last_number:
             self._last_number = self._last_number % _MOST_SESSIONS + 1
-        session = self.sessions[self._last_number] = Session(self._last_number, self.device)
+        session = self.sessions[self._last_number] = Session(self._last_number, device, locks)
         return session
 
     def close(self, session: Session) -> None:
         """End a session: its locks are free, and nothing of its input is left."""
         if self.sessions.pop(session.number, None):
-            self.locks.drop(session.number)
+            session.locks.drop(session.number)
             session.end()
+
+
+def sub_address(place: int) -> str:
+    """Return the name of an instrument within its port, counted from 0."""
+    return f"hislip{place}"
 
 
 class HislipWire(Wire):
     """One connection of a client."""
 
-    def __init__(self, instrument: HislipInstrument) -> None:
-        self._instrument = instrument
+    def __init__(self, port: HislipPort) -> None:
+        self._port = port
         self._reader = Reader(MOST_PAYLOAD_BYTES)
         self._own = bytearray()
         self._session: Session | None = None
@@ -134,7 +140,7 @@ class HislipWire(Wire):
     def gone(self) -> None:
         """End the session: a client needs both of its connections."""
         if self._session:
-            self._instrument.close(self._session)
+            self._port.close(self._session)
 
     def _go_on(self) -> None:
         """Do what complete messages say, as far as the locks of others allow."""
@@ -156,7 +162,7 @@ class HislipWire(Wire):
         session = self._session
         if session is None or self._is_async or session.is_clearing:
             return False
-        return self._instrument.locks.bars(session.number)
+        return session.locks.bars(session.number)
 
     def _end(self, code: Fatal, text: str) -> None:
         self._own += Message(Kind.FATAL_ERROR, code, 0, text.encode()).packed()
@@ -165,7 +171,7 @@ class HislipWire(Wire):
     def _hang_up(self) -> None:
         self.finished = True
         if self._session:
-            self._instrument.close(self._session)
+            self._port.close(self._session)
 
     def _obey(self, message: Message) -> None:
         if self._session is None:
@@ -187,11 +193,11 @@ class HislipWire(Wire):
 
     def _begin(self, message: Message) -> None:
         if message.kind == Kind.INITIALIZE:
-            self._session = self._instrument.open(message)
+            self._session = self._port.open(message)
             number = self._session.number
             self._answer(Kind.INITIALIZE_RESPONSE, 0, _VERSION << 16 | number)
         elif message.kind == Kind.ASYNC_INITIALIZE:
-            session = self._instrument.sessions.get(message.parameter & _MOST_SESSIONS)
+            session = self._port.sessions.get(message.parameter & _MOST_SESSIONS)
             if session is None or session.is_complete:
                 raise FatalProblem(Fatal.POOR_INITIALIZATION, "no session waits for this connection")
             self._session, self._is_async, session.is_complete = session, True, True
@@ -215,20 +221,20 @@ class HislipWire(Wire):
             case Kind.ASYNC_LOCK:
                 self._lock(session, message)
             case Kind.ASYNC_LOCK_INFO:
-                locks = self._instrument.locks
-                self._answer(Kind.ASYNC_LOCK_INFO_RESPONSE, int(locks.is_exclusive), locks.holders)
+                held = session.locks
+                self._answer(Kind.ASYNC_LOCK_INFO_RESPONSE, int(held.is_exclusive), held.holders)
             case _:
                 raise _unknown(message)
 
     def _lock(self, session: Session, message: Message) -> None:
         _allow(message, 1)
-        locks = self._instrument.locks
+        locks = session.locks
         if not message.control:
             self._answer(Kind.ASYNC_LOCK_RESPONSE, locks.release(session.number))
         elif self._awaited or len(message.payload) > _LONGEST_KEY:
             self._answer(Kind.ASYNC_LOCK_RESPONSE, LockAnswer.ERROR)
         else:
-            self.due_s = self._instrument.now_s() + message.parameter / 1e3
+            self.due_s = self._port.now_s() + message.parameter / 1e3
             self._awaited = message.payload.decode("latin-1"), self.due_s
             self._await_lock()
 
@@ -237,8 +243,8 @@ class HislipWire(Wire):
         if self._awaited is None or self._session is None:
             return
         key, until_s = self._awaited
-        answer = self._instrument.locks.request(self._session.number, key)
-        if answer is not LockAnswer.FAILURE or self._instrument.now_s() >= until_s:
+        answer = self._session.locks.request(self._session.number, key)
+        if answer is not LockAnswer.FAILURE or self._port.now_s() >= until_s:
             self._awaited, self.due_s = None, math.inf
             self._answer(Kind.ASYNC_LOCK_RESPONSE, answer)
 

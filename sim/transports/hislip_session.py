@@ -18,6 +18,7 @@ from sim.transports.hislip_messages import (
 
 if TYPE_CHECKING:
     from sim.devices.scpi import ScpiDevice
+    from sim.transports.hislip_locks import Locks
 
 MOST_PAYLOAD_BYTES = 1 << 20
 _LEAST_MESSAGE_BYTES = 256
@@ -34,6 +35,8 @@ class Session:
         1 to 65535.
     device : ScpiDevice
         The instrument.
+    locks : Locks
+        Of that instrument.
 
     Notes
     -----
@@ -42,12 +45,13 @@ class Session:
     is believed: some forget to forget it in a device clear, where the standard would have an error.
     """
 
-    def __init__(self, number: int, device: ScpiDevice) -> None:
+    def __init__(self, number: int, device: ScpiDevice, locks: Locks) -> None:
         self.number = number
+        self.device = device
+        self.locks = locks
         self.is_complete = False
         self.is_clearing = False
         self.is_over = False
-        self._device = device
         self._connection = device.connect("message")
         self._said = {True: bytearray(), False: bytearray()}
         self._last_id = _BEFORE_FIRST_ID
@@ -100,8 +104,8 @@ class Session:
 
     def request_service(self) -> None:
         """Tell of a new reason for service; no further one until the client has asked for the status."""
-        byte = self._device.status_byte(self._is_unread)
-        reasons = byte & self._device.status.service_enable & ~MASTER_BIT
+        byte = self.device.status_byte(self._is_unread)
+        reasons = byte & self.device.status.service_enable & ~MASTER_BIT
         if reasons & ~self._reasons and not self._is_requesting:
             self._is_requesting = True
             self._said[True] += Message(Kind.ASYNC_SERVICE_REQUEST, byte | MASTER_BIT).packed()
@@ -119,7 +123,7 @@ class Session:
         if message.control & DELIVERED:
             self._is_unread = False
         available = self._is_unread and message.parameter == self._last_id
-        byte = self._device.status_byte(available) & ~MASTER_BIT
+        byte = self.device.status_byte(available) & ~MASTER_BIT
         requesting, self._is_requesting = self._is_requesting, False
         return byte | (MASTER_BIT if requesting else 0)
 

@@ -23,7 +23,7 @@ from sim.generator_path import true_model
 from sim.oscilloscope import ScopeReceiver
 from sim.plant import Plant
 from sim.transports.channels import PtyChannel, ScpiWire, Wire
-from sim.transports.hislip import SUB_ADDRESS, HislipInstrument
+from sim.transports.hislip import HislipPort, sub_address
 from sim.transports.line_pace import LinePace
 from sim.transports.one_receiver import OneReceiver
 from sim.transports.server_loop import Server
@@ -32,14 +32,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from belahil.config import BenchConfig
+    from sim.devices.scpi import ScpiDevice
 
 LOOPBACK = "127.0.0.1"
 MOST_SCPI_CLIENTS = 16
 MOST_HISLIP_CLIENTS = 16
-_MOST_HISLIP_CONNECTIONS = 2 * MOST_HISLIP_CLIENTS + 8
-"""Two for each client, and some for those who are told that there are too many."""
 MOST_REFUSED = 8
-"""Clients that are told, at the same time, that the receiver has one already."""
+"""Clients that are told, at the same time, that there are too many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +50,11 @@ class Serving:
     host : str
         Address to listen at.
     scpi_port, link_port, hislip_port : int
-        TCP ports of the generator, of the receiver and of the generator's HiSLIP; 0 for any that is free.
+        TCP ports of the generator, of the receiver and of HiSLIP; 0 for any that is free.
     pty : bool
         Whether to offer generator and receiver at pseudo-terminals too.
     baud : float
-        Bits per second of the serial lines: the receiver's link and the pseudo-terminals, ten to a byte;
+        Bits per second of the serial lines: the GRM link and the pseudo-terminals, ten to a byte;
         infinity for lines that take no time.
     latency_s : float
         From when an instrument answers to when the answer begins to leave, on every line.
@@ -78,8 +77,8 @@ class Served:
     ----------
     address, hislip_address : str
         Of the generator.
-    link : str
-        Of the receiver.
+    link, hislip_link : str
+        Of the receiver; the latter empty for one that is no oscilloscope.
     pty_address, pty_link : str
         Of the two at pseudo-terminals; empty without them.
     stop : callable
@@ -89,6 +88,7 @@ class Served:
     address: str
     hislip_address: str
     link: str
+    hislip_link: str
     pty_address: str
     pty_link: str
     stop: Callable[[], None]
@@ -135,6 +135,7 @@ def serve(
     def serial_pace() -> LinePace:
         return LinePace(how.baud, how.latency_s)
 
+    spoken_to: list[ScpiDevice] = [generator]
     digitizer: Callable[[], Wire]
     pace: Callable[[], LinePace] | None
     if scope is None:
@@ -143,15 +144,16 @@ def serve(
         places = "socket://{}:{}", "serial:{}"
     else:
         oscilloscope = DEVICES[config.digitizer.driver](plant, scope)
+        spoken_to.append(oscilloscope)
         digitizer, most, pace = partial(ScpiWire, oscilloscope), MOST_SCPI_CLIENTS, _network_pace(how)
         places = "visa:TCPIP::{}::{}::SOCKET", "visa:ASRL{}::INSTR"
 
     with Server(tell) as server:
         scpi_port = server.listen(scpi, how.host, how.scpi_port, MOST_SCPI_CLIENTS, _network_pace(how))
-        hislip = HislipInstrument(generator, MOST_HISLIP_CLIENTS)
-        hislip_port = server.listen(
-            hislip.wire, how.host, how.hislip_port, _MOST_HISLIP_CONNECTIONS, _network_pace(how)
-        )
+        hislip = HislipPort(spoken_to, MOST_HISLIP_CLIENTS)
+        # Each client has two connections.
+        connections = 2 * MOST_HISLIP_CLIENTS * len(spoken_to) + MOST_REFUSED
+        hislip_port = server.listen(hislip.wire, how.host, how.hislip_port, connections, _network_pace(how))
         link_port = server.listen(digitizer, how.host, how.link_port, most, pace)
         pty_address = pty_link = ""
         if how.pty:
@@ -162,12 +164,16 @@ def serve(
         if not _is_loopback(how.host):
             tell(f"listening at {how.host}: whoever reaches this computer can use the bench; no password")
         host = _reached_as(how.host)
+        by_hislip = [
+            f"TCPIP::{host}::{sub_address(place)},{hislip_port}::INSTR" for place in range(len(spoken_to))
+        ]
         with _stopped_by_signals(server.stop):
             announce(
                 Served(
                     f"TCPIP::{host}::{scpi_port}::SOCKET",
-                    f"TCPIP::{host}::{SUB_ADDRESS},{hislip_port}::INSTR",
+                    by_hislip[0],
                     places[0].format(host, link_port),
+                    "" if scope is None else f"visa:{by_hislip[1]}",
                     pty_address,
                     pty_link,
                     server.stop,
