@@ -65,6 +65,10 @@ class ButterworthFit:
         Weighted sum of squares.
     freedom : int
         Degrees of freedom.
+    highpass_squared_hz2 : float
+        As fitted, significant or not; chance may make it negative.
+    rivals : tuple of ButterworthFit
+        Of other whole orders that fit as well.
     """
 
     status: Status
@@ -78,7 +82,9 @@ class ButterworthFit:
     highpass_u_hz: float
     chi_square: float
     freedom: int
+    highpass_squared_hz2: float
     _pull: NDArray[np.float64]
+    rivals: tuple[ButterworthFit, ...] = ()
 
     @property
     def knows_gain(self) -> bool:
@@ -93,6 +99,38 @@ class ButterworthFit:
     def shape(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return gain relative to the pass band, shape of `frequency_hz`."""
         return magnitude(frequency_hz, self.cutoff_hz, self.order, self.highpass_hz)
+
+    def fitted_shape(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return `shape` with the high-pass of the fit even where that is not significant.
+
+        Parameters
+        ----------
+        frequency_hz : ndarray of float64, shape (n,)
+            None below those of the fit.
+        """
+        return self._shape_and_slopes(frequency_hz)[0]
+
+    def shape_moves(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how `fitted_shape` moves, to first order, when gains move; both by relative amounts.
+
+        Parameters
+        ----------
+        frequency_hz : ndarray of float64, shape (k,)
+            None below those of the fit.
+
+        Returns
+        -------
+        ndarray of float64, shape (k, n)
+            A column for each point of the fit, in their order.
+        """
+        shape, slopes = self._shape_and_slopes(frequency_hz)
+        return np.asarray((slopes[1:] / shape).T @ self._pull[1:])
+
+    def _shape_and_slopes(
+        self, frequency_hz: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        whole = [0.0, math.log(self.cutoff_hz), math.log(self.order), self.highpass_squared_hz2]
+        return _model(np.array(whole), frequency_hz, 1.0)
 
     def shifts(self, relative: NDArray[np.float64]) -> Shifts:
         """Return how the result moves, to first order, when each gain moves by a relative amount.
@@ -175,6 +213,7 @@ def _against_rivals(best: ButterworthFit, others: list[ButterworthFit]) -> Butte
         status="order_not_identified" if known else "cutoff_not_identified",
         gain_u=math.hypot(best.gain_u, max(abs(one.gain - best.gain) for one in rivals)),
         cutoff_u_hz=math.hypot(best.cutoff_u_hz, away),
+        rivals=tuple(one for one in rivals if one.cutoff_hz),
     )
 
 
@@ -328,6 +367,7 @@ def _described(
         highpass_u_hz=q_u / (2 * highpass) if highpass else 0.0,
         chi_square=chi_square,
         freedom=freedom,
+        highpass_squared_hz2=float(q),
         _pull=pull,
     )
 
@@ -353,5 +393,6 @@ def _no_fit(status: Status, count: int, gain: float = 0.0, chi_square: float = m
         highpass_u_hz=0.0,
         chi_square=chi_square,
         freedom=0,
+        highpass_squared_hz2=0.0,
         _pull=np.zeros((4, count)),
     )

@@ -8,9 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from belahil.values import Estimate
 from procedures.butterworth_fit import fit_order
+from procedures.sine_design import DENSITY_FREEDOM
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from procedures.butterworth_fit import ButterworthFit
@@ -24,16 +28,47 @@ LINEAR_PROBABILITY = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class AmplitudeRow:
-    """Pass-band gain at one amplitude by three estimators, V/V; the bench file declares `declared_u`."""
+    """Pass-band gain at one amplitude by three estimators, V/V.
+
+    Parameters
+    ----------
+    code : int or None
+        Gain code.
+    amplitude_vpp : float
+        Planned, at the cut, V.
+    sine_fit, sine_fit_u : float
+        Gain with the statistical standard uncertainty by all points of the code.
+    scatter_u : float
+        What the points of this amplitude alone would give of it.
+    filter_u : float
+        What the pooled filter gives of it; that moves the gains at all amplitudes alike.
+    declared : tuple of (str, float)
+        Source, and what one standard uncertainty of it moves the gain by.
+    declared_u : float
+        All of them, with the filter held.
+    rms, peak_to_peak : float
+        Gains, noise included.
+    count : int
+        Points.
+    """
 
     code: int | None
     amplitude_vpp: float
     sine_fit: float
     sine_fit_u: float
+    scatter_u: float
+    filter_u: float
+    declared: tuple[tuple[str, float], ...]
     declared_u: float
     rms: float
     peak_to_peak: float
     count: int
+
+    @property
+    def estimate(self) -> Estimate:
+        """The gain by the sine fit with its combined standard uncertainty."""
+        moved = (by for _, by in self.declared)
+        return Estimate(self.sine_fit, math.hypot(self.sine_fit_u, *moved), "1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,43 +97,85 @@ class Linearity:
 
 
 def amplitude_rows(
-    code: int | None, fit: ButterworthFit, points: Points, declared: NDArray[np.float64]
+    code: int | None, fit: ButterworthFit, points: Points, shifts: Sequence[tuple[str, NDArray[np.float64]]]
 ) -> tuple[AmplitudeRow, ...]:
     """Average the pass band of each amplitude, filter taken out, by all three estimators.
+
+    The filter is that of all amplitudes, with its high-pass even where chance may have made one: whether one
+    is significant may change from run to run, and the gains would jump with it.
 
     Parameters
     ----------
     code : int or None
         Gain code.
     fit : ButterworthFit
-        Of this code; its gain is known.
+        Over all usable points of this code; its gain is known.
     points : Points
         n points.
-    declared : ndarray of float64, shape (n,)
-        Relative standard uncertainty of each gain by all declared terms.
+    shifts : sequence of (str, ndarray of float64 of shape (n,))
+        Declared errors: source, and the relative shift of each gain by one standard uncertainty.
+
+    Notes
+    -----
+    Points move a gain as its own, by their weights, and through the filter, to first order (JCGM 100, 5.2.2).
+    Their weights are measured too: where the amplitudes have different gains, what chance makes of a weight
+    moves the filter by as much of the difference. The logarithm of a squared uncertainty from m degrees of
+    freedom has the variance 2 / m.
     """
+    whole = points.chosen(code) & points.usable
     rows = []
-    for amplitude in np.unique(points.amplitude_vpp):
-        mine = points.chosen(code, float(amplitude)) & points.usable
-        mine &= points.frequency_hz < PASS_BAND * fit.cutoff_hz
-        if not np.any(mine):
-            continue
-        shape = fit.shape(points.frequency_hz[mine])
-        weight = (shape / points.gain_u[mine]) ** 2
-        gain = float(np.average(points.gain[mine] / shape, weights=weight))
-        rows.append(
-            AmplitudeRow(
-                code,
-                float(amplitude),
-                gain,
-                float(weight.sum() ** -0.5),
-                gain * float(np.average(declared[mine], weights=weight)),
-                float(np.average(points.gain_rms[mine] / shape, weights=weight)),
-                float(np.average(points.gain_peak[mine] / shape, weights=weight)),
-                int(np.count_nonzero(mine)),
-            )
-        )
+    for amplitude in np.unique(points.amplitude_vpp[whole]):
+        mine = whole & (points.amplitude_vpp == amplitude) & (points.frequency_hz < PASS_BAND * fit.cutoff_hz)
+        if np.any(mine):
+            rows.append(_row(code, float(amplitude), fit, points, (whole, mine), shifts))
     return tuple(rows)
+
+
+def _row(
+    code: int | None,
+    amplitude_vpp: float,
+    fit: ButterworthFit,
+    points: Points,
+    chosen: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    shifts: Sequence[tuple[str, NDArray[np.float64]]],
+) -> AmplitudeRow:
+    whole, mine = chosen
+    frequency, measured, spread = (one[mine] for one in (points.frequency_hz, points.gain, points.gain_u))
+    shape = fit.fitted_shape(frequency)
+    weight = (shape / spread) ** 2
+    weight /= weight.sum()
+    gains = measured / shape
+    gain = float(weight @ gains)
+    # What a move of each point of the code, and a relative one of its weight, do to this gain: by itself, ...
+    model = fit.gain * fit.fitted_shape(points.frequency_hz[whole])
+    own, own_weight, at = np.zeros(model.size), np.zeros(model.size), mine[whole]
+    own[at], own_weight[at] = weight / shape, weight * (gains - gain)
+    # ... and through the filter.
+    pulled = -(weight * gains) @ fit.shape_moves(frequency) / model
+    pulled_weight = pulled * (points.gain[whole] - model)
+    weight_u = math.sqrt(2 / DENSITY_FREEDOM)
+
+    def spread_of(moves: NDArray[np.float64], weight_moves: NDArray[np.float64]) -> float:
+        return float(np.linalg.norm(np.concatenate([moves * points.gain_u[whole], weight_moves * weight_u])))
+
+    rivals = [float(weight @ (measured / one.fitted_shape(frequency))) - gain for one in fit.rivals]
+    between = max(map(abs, rivals), default=0.0)
+    declared = np.sqrt(sum((relative[mine] ** 2 for _, relative in shifts), np.zeros(frequency.size)))
+    return AmplitudeRow(
+        code,
+        amplitude_vpp,
+        gain,
+        math.hypot(spread_of(own + pulled, own_weight + pulled_weight), between),
+        spread_of(own, own_weight),
+        math.hypot(spread_of(pulled, pulled_weight), between),
+        tuple(
+            (source, float((own + pulled) @ (points.gain * relative)[whole])) for source, relative in shifts
+        ),
+        gain * float(weight @ declared),
+        float(weight @ (points.gain_rms[mine] / shape)),
+        float(weight @ (points.gain_peak[mine] / shape)),
+        int(np.count_nonzero(mine)),
+    )
 
 
 def linearity(rows: tuple[AmplitudeRow, ...]) -> Linearity:
@@ -110,7 +187,7 @@ def linearity(rows: tuple[AmplitudeRow, ...]) -> Linearity:
     if len(rows) < 2:
         return Linearity(0.0, 0)
     gains = np.array([row.sine_fit for row in rows])
-    spread = np.array([math.hypot(row.sine_fit_u, row.declared_u) for row in rows])
+    spread = np.array([math.hypot(row.scatter_u, row.declared_u) for row in rows])
     mean = np.average(gains, weights=spread**-2.0)
     return Linearity(float(np.sum(((gains - mean) / spread) ** 2)), len(rows) - 1)
 

@@ -10,7 +10,6 @@ from belahil.bench import setting_per_cut_volt
 from belahil.config import GeneratorUncertainty
 from belahil.outcome import Outcome
 from belahil.report.tables import one_text
-from belahil.values import Estimate
 from procedures.gain_results import characterization
 from procedures.gain_tables import integer_order, numbers, tables
 from procedures.noise import noise_note
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from belahil.config import BenchConfig
+    from belahil.values import Estimate
     from procedures.butterworth_fit import ButterworthFit
     from procedures.characterize import GainPlan
     from procedures.gain_amplitudes import Linearity
@@ -74,7 +74,8 @@ def _results(found: Characterization) -> dict[str, Any]:
             {
                 "code": row.code,
                 "amplitude_vpp": row.amplitude_vpp,
-                "sine_fit": Estimate(row.sine_fit, row.sine_fit_u, "1").as_json(),
+                "sine_fit": row.estimate.as_json(),
+                "filter_u": row.filter_u,
                 "rms": row.rms,
                 "peak_to_peak": row.peak_to_peak,
                 "points": row.count,

@@ -10,6 +10,7 @@ import numpy as np
 
 from belahil.generators import bandwidth_sensitivity
 from belahil.outcome import BudgetLine
+from belahil.uncertainty import sized
 from belahil.values import Estimate
 from procedures.butterworth_fit import ButterworthFit, FilterFits, fit_filter
 from procedures.gain_amplitudes import AmplitudeRow, Linearity, amplitude_rows, between_amplitudes, linearity
@@ -221,13 +222,13 @@ def _code_result(
     rows: tuple[AmplitudeRow, ...] = ()
     between = 0.0, 0.0
     if fits is not None and fits.integer.knows_gain:
-        declared = np.sqrt(sum((one.relative**2 for one in shifts), np.zeros(mine.shape)))
-        rows = amplitude_rows(code, fits.integer, points, declared)
+        rows = amplitude_rows(code, fits.integer, points, [(one.source, one.relative) for one in shifts])
         if not linearity(rows).is_linear:
             between = between_amplitudes(fits.integer, points, mine)
     gain, cutoff, highpass, order, budget = _filter_numbers(
         fits, [(one.source, one.relative[mine]) for one in shifts], between, name
     )
+    budget += _of_amplitudes(rows, name)
     noise = dark.rms or readings.beside_sines.get(code)
     input_noise, scatter = None, 0.0
     if gain is not None and noise is not None and gain.value > 0:
@@ -261,6 +262,22 @@ def _code_result(
         small_signal=_small_signal(fits, points, mine, shifts),
     )
     return result, budget
+
+
+def _of_amplitudes(rows: tuple[AmplitudeRow, ...], name: str) -> list[BudgetLine]:
+    """Return the budgets of gains that have more than one source."""
+    return [
+        line
+        for row in rows
+        if any(by for _, by in row.declared)
+        for line in _combined(
+            f"gain at {sized(row.amplitude_vpp, 'V')}pp{name}",
+            row.sine_fit,
+            row.sine_fit_u,
+            [*row.declared],
+            "1",
+        )[1]
+    ]
 
 
 def _small_signal(

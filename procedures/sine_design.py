@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 # 64 blocks give the noise density to 9 % of its square root from one record, within 32 bins of the sine.
 _BLOCKS, _LEAST_BLOCKS, _LEAST_LENGTH = 64, 8, 8
+DENSITY_FREEDOM = 2 * _BLOCKS
+"""Degrees of freedom of the noise density of a record: each block tells it by cos and by sin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

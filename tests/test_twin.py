@@ -119,12 +119,9 @@ def test_a_twin_is_bent_like_its_original(small: SmallSignal, seeds: range) -> N
             simulated(), emulation=EmulationTable(seed=seed + 100, receiver=receiver)
         )
         cases.append(beside_its_twin(config, BENT, 2000 + seed))
-    # then its twin's gains, small-signal numbers and filter agree with its own
+    # then its twin's gains by amplitude, small-signal numbers and filter agree with its own
     zs = pooled(cases)
-    # Not the gains by amplitude: small amplitudes pull the pooled filter that is taken out of them, and their
-    # uncertainty leaves that out. Two runs of one receiver with a dead zone differ by 3.5 of it as well.
-    del zs[".sine_fit"]
-    check(zs, 25 * len(seeds))
+    check(zs, 35 * len(seeds))
     wanted = {
         "small_signal.cubic_per_v2",
         "small_signal.deadband_v",
