@@ -19,25 +19,22 @@ import numpy as np
 from belahil.errors import CorruptData
 from belahil.generators import whole_waveform_hz
 from drivers.generators.dialect import SCPI_INFINITY, Item, Shown, agrees, item, sine_voltages
+from drivers.generators.scpi_words import ScpiWords
 
 if TYPE_CHECKING:
     from belahil.generators import ArbBlock, GeneratorModel, GeneratorSetting
-    from drivers.generators.dialect import Expected
     from drivers.scpi import ScpiSession
 
 _RANGE = ":VOLT:RANG:AUTO"
 _POINTS = ":DATA:ATTR:POIN? VOLATILE"
 
 
-class Agilent33220Dialect:
+class Agilent33220Dialect(ScpiWords):
     """How a 33220A is told a setting."""
 
-    off = Item(":OUTP 0", ":OUTP?", "0")
-    trigger = "*TRG"
-
-    def reset(self) -> tuple[str, ...]:
-        """Commands to the settings after a reset, with the smallest amplitude and an empty error queue."""
-        return "*RST", "*CLS", ":VOLT MIN"
+    output = ":OUTP"
+    amplitude = ":VOLT"
+    autorange = _RANGE
 
     def base_items(self, model: GeneratorModel, load_ohm: float, largest_v: float) -> list[Item]:
         """Return what is set once: load and unit."""
@@ -57,10 +54,7 @@ class Agilent33220Dialect:
             items = _pulse_items(setting, setting.arb, model)
         else:
             items = [item(":BURS:STAT", "0"), item(":FUNC", "DC"), item(":VOLT:OFFS", setting.offset_v)]
-        if before is not None and before.function == "ARB" and setting.function != "ARB":
-            items.insert(0, Item(f"{_RANGE} ON", f"{_RANGE}?", "1"))
-        output = item(":OUTP", "1" if setting.output else "0")
-        return [*items, output] if setting.output else [output, *items]
+        return self.ordered(items, setting, before)
 
     def upload(self, session: ScpiSession, arb: ArbBlock) -> None:
         """Send the points of a waveform, with the output off, after two points that mark its place."""
@@ -69,10 +63,6 @@ class Agilent33220Dialect:
         if not agrees(points, Shown(2)):
             raise CorruptData(f"two points were to be uploaded, and {_POINTS} answers {points}")
         session.send_block(":DATA:DAC VOLATILE,", arb.codes.astype(">i2").tobytes())
-
-    def agrees(self, answer: str, expected: Expected) -> bool:
-        """Tell whether an answer is what an item expects."""
-        return agrees(answer, expected)
 
 
 def _sine_items(setting: GeneratorSetting, before: GeneratorSetting | None) -> list[Item]:

@@ -15,30 +15,26 @@ from drivers.generators.dialect import (
     SCPI_INFINITY,
     Item,
     Shown,
-    agrees,
     item,
     sine_voltages,
     voltage_limit,
 )
+from drivers.generators.scpi_words import ScpiWords
 
 if TYPE_CHECKING:
     from belahil.generators import ArbBlock, GeneratorModel, GeneratorSetting
-    from drivers.generators.dialect import Expected
     from drivers.scpi import ScpiSession
 
 _RANGE = ":SOUR1:VOLT:RANG:AUTO"
 _FILTERS = {"linear": "NORM", "hold": "STEP"}
 
 
-class KeysightDialect:
+class KeysightDialect(ScpiWords):
     """How a 33500B or 33600A is told a setting."""
 
-    off = Item(":OUTP1 0", ":OUTP1?", "0")
-    trigger = "*TRG"
-
-    def reset(self) -> tuple[str, ...]:
-        """Commands to the settings after a reset, with the smallest amplitude and an empty error queue."""
-        return "*RST", "*CLS", ":SOUR1:VOLT MIN"
+    output = ":OUTP1"
+    amplitude = ":SOUR1:VOLT"
+    autorange = _RANGE
 
     def base_items(self, model: GeneratorModel, load_ohm: float, largest_v: float) -> list[Item]:
         """Return what is set once: load, unit, and the instrument's own voltage limits."""
@@ -66,19 +62,12 @@ class KeysightDialect:
                 item(":SOUR1:FUNC", "DC"),
                 item(":SOUR1:VOLT:OFFS", setting.offset_v),
             ]
-        if before is not None and before.function == "ARB" and setting.function != "ARB":
-            items.insert(0, Item(f"{_RANGE} ON", f"{_RANGE}?", "1"))
-        output = item(":OUTP1", "1" if setting.output else "0")
-        return [*items, output] if setting.output else [output, *items]
+        return self.ordered(items, setting, before)
 
     def upload(self, session: ScpiSession, arb: ArbBlock) -> None:
         """Send the points of a waveform, with the output off."""
         session.send(self.off.command, ":SOUR1:DATA:VOL:CLE")
         session.send_block(f":SOUR1:DATA:ARB:DAC {uploaded_name(arb)},", uploaded_block(arb))
-
-    def agrees(self, answer: str, expected: Expected) -> bool:
-        """Tell whether an answer is what an item expects."""
-        return agrees(answer, expected)
 
 
 def _sine_items(setting: GeneratorSetting, before: GeneratorSetting | None) -> list[Item]:

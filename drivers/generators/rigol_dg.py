@@ -13,7 +13,8 @@ import math
 from typing import TYPE_CHECKING
 
 from belahil.errors import CorruptData
-from drivers.generators.dialect import SCPI_INFINITY, Item, Shown, agrees, item, sine_voltages
+from drivers.generators.dialect import SCPI_INFINITY, Item, Shown, item, sine_voltages
+from drivers.generators.scpi_words import ScpiWords
 
 if TYPE_CHECKING:
     from belahil.generators import ArbBlock, GeneratorModel, GeneratorSetting
@@ -27,15 +28,12 @@ _ZERO_CODE = 8192
 _SOURCES = {"BUS": "MAN", "EXT": "EXT"}
 
 
-class RigolDgDialect:
+class RigolDgDialect(ScpiWords):
     """How a DG1000Z is told a setting."""
 
-    off = Item(":OUTP1 0", ":OUTP1?", "0")
-    trigger = "*TRG"
-
-    def reset(self) -> tuple[str, ...]:
-        """Commands to the settings after a reset, with the smallest amplitude and an empty error queue."""
-        return "*RST", "*CLS", ":SOUR1:VOLT MIN"
+    output = ":OUTP1"
+    amplitude = ":SOUR1:VOLT"
+    autorange = _RANGE
 
     def base_items(self, model: GeneratorModel, load_ohm: float, largest_v: float) -> list[Item]:
         """Return what is set once: load, in whole ohms, and unit."""
@@ -60,10 +58,7 @@ class RigolDgDialect:
                 item(":SOUR1:FUNC", "DC"),
                 _number(":SOUR1:VOLT:OFFS", setting.offset_v),
             ]
-        if before is not None and before.function == "ARB" and setting.function != "ARB":
-            items.insert(0, Item(f"{_RANGE} ON", f"{_RANGE}?", "1"))
-        output = item(":OUTP1", "1" if setting.output else "0")
-        return [*items, output] if setting.output else [output, *items]
+        return self.ordered(items, setting, before)
 
     def upload(self, session: ScpiSession, arb: ArbBlock) -> None:
         """Send the points of a waveform, with the output off, and read them back."""
@@ -86,7 +81,7 @@ class RigolDgDialect:
         """Tell whether an answer is what an item expects; a word may come in its long form."""
         if isinstance(expected, str) and expected.isalpha():
             return answer.strip('"').upper().startswith(expected)
-        return agrees(answer, expected)
+        return super().agrees(answer, expected)
 
 
 def _number(header: str, value: float) -> Item:

@@ -20,30 +20,25 @@ from drivers.generators.dialect import (
     SCPI_INFINITY,
     Item,
     Shown,
-    agrees,
     item,
     sine_voltages,
     voltage_limit,
 )
+from drivers.generators.scpi_words import ScpiWords
 
 if TYPE_CHECKING:
     from belahil.generators import ArbBlock, GeneratorModel, GeneratorSetting
-    from drivers.generators.dialect import Expected
     from drivers.scpi import ScpiSession
 
 _AMPLITUDE = ":SOUR1:VOLT:LEV:IMM:AMPL"
 _OFFSET = ":SOUR1:VOLT:LEV:IMM:OFFS"
 
 
-class TektronixAfgDialect:
+class TektronixAfgDialect(ScpiWords):
     """How an AFG3000 or AFG31000 is told a setting."""
 
-    off = Item(":OUTP1:STAT 0", ":OUTP1:STAT?", "0")
-    trigger = "*TRG"
-
-    def reset(self) -> tuple[str, ...]:
-        """Commands to the settings after a reset, with the smallest amplitude and an empty error queue."""
-        return "*RST", "*CLS", f"{_AMPLITUDE} MIN"
+    output = ":OUTP1:STAT"
+    amplitude = _AMPLITUDE
 
     def base_items(self, model: GeneratorModel, load_ohm: float, largest_v: float) -> list[Item]:
         """Return what is set once: load, unit, and the instrument's own voltage limits."""
@@ -71,8 +66,7 @@ class TektronixAfgDialect:
                 item(":SOUR1:FUNC:SHAP", "DC"),
                 _number(_OFFSET, setting.offset_v, "V"),
             ]
-        output = item(":OUTP1:STAT", "1" if setting.output else "0")
-        return [*items, output] if setting.output else [output, *items]
+        return self.ordered(items, setting, before)
 
     def upload(self, session: ScpiSession, arb: ArbBlock) -> None:
         """Send the points of a waveform, with the output off, and read them back.
@@ -89,10 +83,6 @@ class TektronixAfgDialect:
         head = f"#{len(length)}{length}".encode("ascii")
         if session.ask_raw(":DATA:DATA? EMEM", head, len(data)) != data:
             raise CorruptData(f"{arb.codes.size} points were uploaded to EMEM, and others were read back")
-
-    def agrees(self, answer: str, expected: Expected) -> bool:
-        """Tell whether an answer is what an item expects."""
-        return agrees(answer, expected)
 
 
 def _number(header: str, value: float, unit: str) -> Item:

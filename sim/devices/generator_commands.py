@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from sim.devices.generator_channel import Channel, Levels
+from sim.devices.generator_channel import Channel
+from sim.devices.generator_levels import Levels
 from sim.devices.scpi.numeric import (
     AMPLITUDE,
     HERTZ,

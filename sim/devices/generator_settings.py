@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from belahil.generators import GeneratorModel, round_to_step
-from sim.devices.generator_channel import Levels
+from sim.devices.generator_levels import Levels
 from sim.devices.scpi.numeric import (
     DEGREE,
     HERTZ,

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 from belahil.generators import Function, TriggerSource
 from sim.devices.generator_base import EmulatedGenerator, GeneratorPort
-from sim.devices.generator_channel import Levels
 from sim.devices.generator_commands import (
     ChannelCommands,
     add_apply_commands,
@@ -24,6 +23,7 @@ from sim.devices.generator_commands import (
     add_period_command,
     add_shape_commands,
 )
+from sim.devices.generator_levels import Levels
 from sim.devices.generator_settings import Number, Setting, Switch, Word
 from sim.devices.generators.agilent_33220_arbs import EXP_RISE, UserMemory, add_user_commands
 from sim.devices.scpi.numeric import DEGREE, PERCENT, SECOND
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.generators import GeneratorModel
-    from belahil.stimuli import Interpolation
 
 SHAPES = ("SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "DC", "USER")
 # Highest frequencies beside a sine's and a square's (public data sheet, from memory: assumed).
@@ -88,29 +87,9 @@ class UserChannel(Levels):
         return _SOURCES[self.trigger_source]
 
     @property
-    def is_plain_burst(self) -> bool:
-        """Whether a burst is one whole waveform per trigger."""
-        return self.burst_mode == "TRIG" and self.burst_cycles == 1 and self.burst_phase_deg == 0
-
-    @property
     def arb_codes(self) -> NDArray[np.int16]:
         """Points of the selected waveform."""
         return self.memory.codes(self.user_name)
-
-    @property
-    def full_code(self) -> int:
-        """Code of half the amplitude."""
-        return self.model.full_code
-
-    @property
-    def point_rate_hz(self) -> float:
-        """Points of the selected waveform per second: as many as it has, at its frequency."""
-        return self.arb_codes.size * self.frequency_hz
-
-    @property
-    def interpolation(self) -> Interpolation:
-        """What is between points: the filter behind the converter makes lines of its steps (assumed)."""
-        return "linear"
 
 
 class Agilent33220(EmulatedGenerator):

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 from belahil.generators import Function, TriggerSource
 from sim.devices.generator_base import EmulatedGenerator, GeneratorPort
-from sim.devices.generator_channel import Levels
 from sim.devices.generator_commands import (
     ChannelCommands,
     Tokens,
@@ -26,6 +25,7 @@ from sim.devices.generator_commands import (
     add_shape_commands,
     apply_levels,
 )
+from sim.devices.generator_levels import Levels
 from sim.devices.generator_settings import Number, Setting, Switch, Word
 from sim.devices.generators.rigol_dg_arbs import Volatile, add_volatile_commands
 from sim.devices.scpi.numeric import DEGREE, PERCENT, SAMPLES_PER_SECOND, SECOND
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.generators import GeneratorModel
-    from belahil.stimuli import Interpolation
 
 SHAPES = ("SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "USER", "HARMonic", "DC")
 _ON_OFF = ("OFF", "ON")
@@ -91,29 +90,9 @@ class DgChannel(Levels):
         return _SOURCES[self.trigger_source]
 
     @property
-    def is_plain_burst(self) -> bool:
-        """Whether a burst is one whole waveform per trigger."""
-        return self.burst_mode == "TRIG" and self.burst_cycles == 1 and self.burst_phase_deg == 0
-
-    @property
     def arb_codes(self) -> NDArray[np.int16]:
         """Points of the waveform."""
         return self.volatile.codes
-
-    @property
-    def full_code(self) -> int:
-        """Code of half the amplitude."""
-        return self.model.full_code
-
-    @property
-    def point_rate_hz(self) -> float:
-        """Points of the waveform per second."""
-        return self.arb_rate_hz if self.plays_by_rate else self.arb_codes.size * self.frequency_hz
-
-    @property
-    def interpolation(self) -> Interpolation:
-        """What is between points: the filter behind the converter makes lines of its steps (assumed)."""
-        return "linear"
 
     def take(self, points: NDArray[np.int16], keeps_mode: bool = True) -> None:
         """Play an uploaded waveform; in frequency mode few points are made 8192."""

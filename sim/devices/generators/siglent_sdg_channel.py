@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from belahil.generators import Function, TriggerSource
-from sim.devices.generator_channel import Levels
+from sim.devices.generator_levels import Levels
 from sim.devices.scpi.status import ScpiError
 
 if TYPE_CHECKING:
@@ -94,6 +94,11 @@ class SdgChannel(Levels):
         return _MOST_HZ.get(self.function, self.model.max_sine_hz)
 
     @property
+    def plays_by_rate(self) -> bool:
+        """Whether the sample rate says how fast a waveform is, and not the frequency."""
+        return self.rate_mode == "TARB"
+
+    @property
     def shape(self) -> Function:
         """Shape as the plant knows it."""
         return _SHAPES.get(self.function, "OTHER")
@@ -106,22 +111,12 @@ class SdgChannel(Levels):
     @property
     def is_plain_burst(self) -> bool:
         """Whether a burst is one whole waveform per trigger."""
-        return self.gate == "NCYC" and self.burst_cycles == 1 and self.burst_phase_deg == 0
+        return self.gate == "NCYC" and super(SdgChannel, self).is_plain_burst
 
     @property
     def arb_codes(self) -> NDArray[np.int16]:
         """Points of the selected waveform."""
         return self.waves.codes(self.arb_name)
-
-    @property
-    def full_code(self) -> int:
-        """Code of half the amplitude."""
-        return self.model.full_code
-
-    @property
-    def point_rate_hz(self) -> float:
-        """Points of the selected waveform per second: as told, or as many as it has at its frequency."""
-        return self.arb_rate_hz if self.rate_mode == "TARB" else self.arb_codes.size * self.frequency_hz
 
     @property
     def interpolation(self) -> Interpolation:

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 from belahil.generators import Function, TriggerSource
 from sim.devices.generator_base import EmulatedGenerator, GeneratorPort
-from sim.devices.generator_channel import Levels
 from sim.devices.generator_commands import (
     ChannelCommands,
     add_level_commands,
@@ -25,6 +24,7 @@ from sim.devices.generator_commands import (
     add_load_command,
     add_period_command,
 )
+from sim.devices.generator_levels import Levels
 from sim.devices.generator_output import burst_s
 from sim.devices.generator_settings import Switch, Word
 from sim.devices.generators.tektronix_afg_arbs import EditMemory, add_memory_commands, memory_name
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from belahil.generators import GeneratorModel
-    from belahil.stimuli import Interpolation
     from sim.devices.generator_commands import Tokens
 
 _WORDS = Choices(
@@ -117,21 +116,6 @@ class AfgChannel(Levels):
     def arb_codes(self) -> NDArray[np.int16]:
         """Points of the selected waveform, from -8191 to 8191."""
         return self.memory.codes(self.memory_name)
-
-    @property
-    def full_code(self) -> int:
-        """Code of half the amplitude."""
-        return self.model.full_code
-
-    @property
-    def point_rate_hz(self) -> float:
-        """Points of the selected waveform per second: as many as it has, at its frequency."""
-        return self.arb_codes.size * self.frequency_hz
-
-    @property
-    def interpolation(self) -> Interpolation:
-        """What is between points: the filter behind the converter makes lines of its steps (assumed)."""
-        return "linear"
 
 
 class TektronixAfg(EmulatedGenerator):
