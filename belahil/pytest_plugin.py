@@ -15,25 +15,29 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from belahil.bench import Bench
     from belahil.config import BenchConfig
     from belahil.procedure_run import ProcedureRun
+    from belahil.pytest_recordings import Recordings
 
 _BENCH: pytest.StashKey[BenchConfig] = pytest.StashKey()
 _OPEN: pytest.StashKey[list[Bench]] = pytest.StashKey()
-_FIXTURES = {"bench_config", "belahil_run"}
+_RECORDINGS: pytest.StashKey[Recordings | None] = pytest.StashKey()
+_FIXTURES = {"bench_config", "belahil_open", "belahil_run"}
+_RECORDING = "belahil_recording"
 _PROPERTY = re.compile(r"belahil_(?P<procedure>[\w-]+)_(?P<what>verdict|folder)")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--bench``, ``--belahil-seed``, ``--belahil-out`` and the key ``belahil_bench``."""
+    """Add ``--bench``, ``--belahil-seed``, ``-out``, ``-record`` and the key ``belahil_bench``."""
     group = parser.getgroup("belahil", "belahil: receivers of laser altimeters")
     words: dict[str, Any] = {
         "dest": "belahil_bench",
-        "metavar": "FILE|emulated|simulated|replay:FILE",
-        "help": "The bench of the tests; that of the key belahil_bench, or emulated, when left out.",
+        "metavar": "FILE|emulated|simulated|replay:FILE|replay:DIR",
+        "help": "The bench of the tests; that of the key belahil_bench, or emulated, when left out. With "
+        "replay:DIR each test replays what --belahil-record DIR recorded of it.",
     }
     try:
         group.addoption("--bench", "--belahil-bench", **words)
@@ -47,14 +51,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="DIR",
         help="Where run folders are kept; pytest's temporary directory when left out.",
     )
+    group.addoption(
+        "--belahil-record",
+        metavar="DIR",
+        help="Record every byte of the links, a file for each bench that a test opens; new or empty.",
+    )
     parser.addini("belahil_bench", "bench of the tests: a file beside this one, or a name", default="")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Declare the marker, and refuse a bench that cannot be used before any test runs."""
     config.addinivalue_line("markers", "hardware: needs real instruments; skipped on any other bench")
-    if _named(config) or config.getoption("belahil_seed") is not None:
+    asked = [config.getoption(f"belahil_{option}") for option in ("seed", "record")]
+    if _named(config) or any(option is not None for option in asked):
         _bench_config(config)
+        _recordings(config)
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:
@@ -77,24 +88,28 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         theirs = len([line for line in config.getini("markers") if re.match(r"hardware\b", line)]) > 1
         marked = [item for item in marked if not theirs or _FIXTURES & set(getattr(item, "fixturenames", ()))]
     if marked and (source := _bench_config(config).source) != "hardware":
+        recordings = _recordings(config)
+        marked = [item for item in marked if recordings is None or not recordings.holds(item.nodeid)]
         reason = f"needs real instruments, and the bench is {source}: name theirs with --bench FILE"
         for item in marked:
             item.add_marker(pytest.mark.skip(reason=reason))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Name each run folder with its verdict, also those of tests that passed."""
+    """Name each run folder with its verdict, and each recording, also those of tests that passed."""
     # The reports of one test's phases each carry all its properties.
-    runs = dict.fromkeys(
-        (report.nodeid, *run)
-        for reports in terminalreporter.stats.values()
-        for report in reports
-        for run in _runs(getattr(report, "user_properties", ()))
+    reports = [one for found in terminalreporter.stats.values() for one in found]
+    told = [(report.nodeid, getattr(report, "user_properties", ())) for report in reports]
+    runs = dict.fromkeys((test, *run) for test, properties in told for run in _runs(properties))
+    files = dict.fromkeys(
+        str(value) for _, properties in told for name, value in properties if name == _RECORDING
     )
-    if runs:
+    if runs or files:
         terminalreporter.section("belahil runs")
-        for _, procedure, verdict, folder in runs:
-            terminalreporter.line(f"{procedure}: {verdict} {folder}")
+    for _, procedure, verdict, folder in runs:
+        terminalreporter.line(f"{procedure}: {verdict} {folder}")
+    for file in files:
+        terminalreporter.line(f"recorded: {file}")
 
 
 def _runs(properties: Sequence[tuple[str, object]]) -> Iterator[tuple[str, str, str]]:
@@ -119,15 +134,25 @@ def bench(request: pytest.FixtureRequest, bench_config: BenchConfig) -> Iterator
     """An open `belahil.bench.Bench`, fresh for each test; its output is off afterwards."""
     from belahil.errors import BelahilError
 
-    opened = _opened(bench_config)
+    opened = _opened(request, bench_config)
     shared = request.config.stash.setdefault(_OPEN, [])
+    failed = ""
     try:
         with opened:
             shared.append(opened)
             yield opened
             shared.remove(opened)
     except BelahilError as error:
-        pytest.fail("; ".join([f"belahil: {error}", *getattr(error, "__notes__", [])]), pytrace=False)
+        failed = "; ".join([f"belahil: {error}", *getattr(error, "__notes__", [])])
+    # Outside of the handler: pytest would show what is inside belahil.
+    if failed:
+        pytest.fail(failed, pytrace=False)
+
+
+@pytest.fixture(scope="session")
+def belahil_open(request: pytest.FixtureRequest, bench_config: BenchConfig) -> Callable[[], Bench]:
+    """Open a `belahil.bench.Bench` of your own, recorded or replayed as those of the tests are."""
+    return lambda: _opened(request, bench_config)
 
 
 @pytest.fixture(scope="session")
@@ -218,7 +243,7 @@ class RunsProcedures:
         with ExitStack() as stack:
             there = bench or next(reversed(open_ones), None)
             if there is None:
-                there = stack.enter_context(_opened(self._request.getfixturevalue("bench_config")))
+                there = stack.enter_context(self._request.getfixturevalue("belahil_open")())
             folder = self._folder(procedure)
             try:
                 return run_procedure(procedure, there, folder, options, limits=allowed)
@@ -243,20 +268,24 @@ class RunsProcedures:
                 return folder
 
     def _keep(self, run: ProcedureRun) -> None:
-        name, phase = _current()
-        for item in self._request.session.items:
-            if item.nodeid == name:
-                item.add_report_section(phase, "belahil", str(run))
-                item.user_properties += [
-                    (f"belahil_{run.procedure}_verdict", run.verdict),
-                    (f"belahil_{run.procedure}_folder", str(run.folder)),
-                ]
+        _, phase = _current()
+        for item in _current_items(self._request):
+            item.add_report_section(phase, "belahil", str(run))
+            item.user_properties += [
+                (f"belahil_{run.procedure}_verdict", run.verdict),
+                (f"belahil_{run.procedure}_folder", str(run.folder)),
+            ]
 
 
 def _current() -> tuple[str, str]:
     """Return the id of the running test and its phase: setup, call or teardown."""
     name, _, phase = os.environ["PYTEST_CURRENT_TEST"].rpartition(" ")
     return name, phase.strip("()")
+
+
+def _current_items(request: pytest.FixtureRequest) -> list[pytest.Item]:
+    name, _ = _current()
+    return [item for item in request.session.items if item.nodeid == name]
 
 
 def _named(config: pytest.Config) -> str:
@@ -290,26 +319,72 @@ def _read_bench(config: pytest.Config) -> BenchConfig:
     from belahil.errors import BelahilError
 
     name, seed = _named(config) or "emulated", config.getoption("belahil_seed")
+    recordings = _recordings(config)
     try:
-        bench = load_bench(name)
+        replays = recordings is not None and recordings.replays
+        bench = recordings.first_bench() if recordings is not None and replays else load_bench(name)
         bench = bench if seed is None else seeded(bench, seed, "--belahil-seed")
     except BelahilError as error:
         raise pytest.UsageError(f"belahil: {error}") from error
+    if recordings is not None and not recordings.replays and bench.source in ("simulated", "replay"):
+        raise pytest.UsageError(
+            f"belahil: --belahil-record {recordings.folder}: the bench is {bench.source} and has no links"
+        )
     if bench.source == "hardware" and (config.getoption("numprocesses", 0) or 0) > 1:
         raise pytest.UsageError(f"belahil: bench {name} is real and serves one process; leave out -n")
     return bench
 
 
-def _opened(config: BenchConfig) -> Bench:
-    """Open a bench, or fail in one line."""
+def _recordings(config: pytest.Config) -> Recordings | None:
+    """Return where tests are recorded or replayed one by one; None where they are not.
+
+    Raises
+    ------
+    pytest.UsageError
+        They cannot be recorded there.
+    """
+    if _RECORDINGS not in config.stash:
+        config.stash[_RECORDINGS] = _find_recordings(config)
+    return config.stash[_RECORDINGS]
+
+
+def _find_recordings(config: pytest.Config) -> Recordings | None:
+    name, record = _named(config), config.getoption("belahil_record")
+    if record is None and not name.startswith("replay:"):
+        return None
+    from belahil.errors import RefusedInput
+    from belahil.pytest_recordings import recordings_at
+
+    try:
+        # The workers of pytest-xdist begin when the first of them may have recorded already.
+        return recordings_at(
+            config.invocation_params.dir, record, name, may_be_filled=hasattr(config, "workerinput")
+        )
+    except RefusedInput as error:
+        raise pytest.UsageError(f"belahil: {error}") from error
+
+
+def _opened(request: pytest.FixtureRequest, config: BenchConfig) -> Bench:
+    """Open a bench, recorded or replayed where that was asked for, or fail in one line."""
     from belahil._neighbours import complaint
     from belahil.bench import open_bench
+    from belahil.config import load_bench
     from belahil.errors import BelahilError
 
     wrong = complaint(Path(__file__).resolve().parent.parent)
     if wrong is not None:
         pytest.fail(wrong, pytrace=False)
+    recordings = _recordings(request.config)
     try:
-        return open_bench(config)
+        if recordings is None:
+            return open_bench(config)
+        file = recordings.next_file(_current()[0])
+        if recordings.replays:
+            return open_bench(load_bench(f"replay:{file}"))
+        for item in _current_items(request):
+            item.user_properties.append((_RECORDING, str(file)))
+        return open_bench(config, record=file)
     except BelahilError as error:
-        pytest.fail(f"belahil: {error}", pytrace=False)
+        failed = f"belahil: {error}"
+    # Outside of the handler: pytest would show what is inside belahil.
+    pytest.fail(failed, pytrace=False)
