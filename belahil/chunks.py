@@ -203,7 +203,7 @@ def run_chunks(
     store: ChunkStore,
     executor: Callable[[], AbstractContextManager[Executor]],
     in_flight: int,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int, int, Mapping[str, int]], None] = lambda done, total, left: None,
     log: Callable[[str], None] = lambda line: None,
 ) -> int:
     """Compute the chunks that a store does not hold yet.
@@ -219,7 +219,8 @@ def run_chunks(
     in_flight : int
         Chunks that are handed out at once; with it memory is bounded.
     progress : callable
-        Told (done, all) after each chunk; what it raises ends the job, and all that is finished is kept.
+        Told (done, all, left by `work`) after each chunk; what it raises ends the job, and all that is
+        finished is kept.
     log : callable
         Told when a worker was lost.
 
@@ -240,16 +241,15 @@ def run_chunks(
     if len({chunk.name for chunk in chunks}) != len(chunks):
         raise ValueError("chunks of one job need different names")
     waiting = deque(chunk for chunk in chunks if not store.has(chunk))
-    total, kept = len(chunks), len(chunks) - len(waiting)
-    lost: Counter[str] = Counter()
-    begun = len(waiting)
-    progress(kept, total)
+    total, begun = len(chunks), len(waiting)
+    left, lost = Counter(chunk.work for chunk in waiting), Counter[str]()
+    progress(total - begun, total, left)
     while waiting:
         try:
             with executor() as pool:
-                job = _Job(pool, store, waiting, in_flight)
+                job = _Job(pool, store, waiting, in_flight, left)
                 try:
-                    job.run(lambda left: progress(total - left, total))
+                    job.run(lambda: progress(total - left.total(), total, left))
                 except (BrokenExecutor, CancelledError) as error:
                     _again(job.given_back() or [waiting[0]], lost, error, log)
                 except BaseException:
@@ -276,12 +276,20 @@ def _again(
 class _Job:
     """The chunks that are with an executor."""
 
-    def __init__(self, pool: Executor, store: ChunkStore, waiting: deque[Chunk], in_flight: int) -> None:
+    def __init__(
+        self,
+        pool: Executor,
+        store: ChunkStore,
+        waiting: deque[Chunk],
+        in_flight: int,
+        left: Counter[str],
+    ) -> None:
         self.running: dict[Future[dict[str, NDArray[Any]]], Chunk] = {}
+        self._left = left
         self._pool, self._store, self._waiting, self._in_flight = pool, store, waiting, in_flight
         self._folder = str(store.folder.resolve())
 
-    def run(self, told: Callable[[int], None]) -> None:
+    def run(self, told: Callable[[], None]) -> None:
         while self._waiting or self.running:
             while self._waiting and len(self.running) < self._in_flight:
                 chunk = self._waiting[0]
@@ -291,7 +299,7 @@ class _Job:
             done, _ = wait(self.running, return_when=FIRST_COMPLETED)
             for future in done:
                 self._keep(future)
-                told(len(self._waiting) + len(self.running))
+                told()
 
     def _keep(self, future: Future[dict[str, NDArray[Any]]]) -> None:
         chunk = self.running[future]
@@ -305,6 +313,7 @@ class _Job:
             self._waiting.appendleft(chunk)
             raise
         self._store.put(chunk, result)
+        self._left[chunk.work] -= 1
         del self.running[future]
 
     def given_back(self) -> list[Chunk]:

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -64,7 +65,7 @@ def test_what_is_there_is_not_computed_again(store: ChunkStore) -> None:
     damaged.write_bytes(damaged.read_bytes()[:-9])
     seen: list[tuple[int, int]] = []
     # when the job goes on, then the others and the damaged one are computed
-    assert run_chunks(NOISE, store, ThisProcess, 1, lambda *at: seen.append(at)) == 5
+    assert run_chunks(NOISE, store, ThisProcess, 1, lambda *at: seen.append(at[:2])) == 5
     assert seen == [(2, 7), (3, 7), (4, 7), (5, 7), (6, 7), (7, 7)]
 
 
@@ -194,7 +195,7 @@ if __name__ == "__main__":
     try:
         with signals.watched():
             run_chunks(chunks, store, workers.open, workers.in_flight,
-                       lambda done, total: (print(done, flush=True), signals.check()))
+                       lambda done, total, left: (print(done, flush=True), signals.check()))
     except signals.Interrupted:
         print("kept", sum(map(store.has, chunks)))
 """
@@ -235,7 +236,7 @@ def test_a_cluster_gives_the_same_bits_and_bears_the_loss_of_a_worker(
         workers = cluster_workers(address)
         late = tuple(Chunk(f"s{n}", "tests.chunk_work:slow", {"seed": n, "seconds": 0.2}) for n in range(20))
 
-        def kill_one(done: int, total: int) -> None:
+        def kill_one(done: int, total: int, left: Mapping[str, int]) -> None:
             if done == 5:
                 begun[1].kill()
 
@@ -244,7 +245,7 @@ def test_a_cluster_gives_the_same_bits_and_bears_the_loss_of_a_worker(
         # and when the scheduler goes, the line says so and all that was finished is kept
         more = tuple(Chunk(f"m{n}", "tests.chunk_work:slow", {"seed": n, "seconds": 0.3}) for n in range(20))
 
-        def kill_scheduler(done: int, total: int) -> None:
+        def kill_scheduler(done: int, total: int, left: Mapping[str, int]) -> None:
             if done == 3:
                 begun[0].kill()
 

@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 
 from belahil.bench import Bench
 from belahil.cli.main import main
-from belahil.cli.progress import left_s
 from belahil.errors import InstrumentError
 from belahil.run import Run
 
@@ -475,11 +474,6 @@ def test_a_reader_who_leaves_early_is_no_error() -> None:
     assert (answer.stdout, answer.stderr) == ("0\n", "")
 
 
-def test_time_left_counts_only_what_was_really_measured() -> None:
-    assert left_s(done=60, total=100, kept=50, elapsed_s=2.0) == 8.0
-    assert left_s(done=50, total=100, kept=50, elapsed_s=2.0) == 0.0
-
-
 # ---- bench files and reports
 
 
@@ -761,57 +755,3 @@ def test_a_report_is_made_again(capsys: Captured) -> None:
     assert main(["report", "run"]) == 0
     assert capsys.readouterr().out == f"report: {Path('run/report.html')}\n"
     assert Path("run/report.html").read_text() == page
-
-
-SHOWS_PROGRESS = """
-import time
-from belahil.cli.progress import shown
-with shown(False, kept=0) as progress:
-    for done in range(1, 4):
-        time.sleep(0.15)
-        progress(done, 3)
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
-def test_a_terminal_sees_a_bar_with_the_time_left() -> None:
-    import pty
-
-    master, slave = pty.openpty()
-    process = subprocess.Popen([sys.executable, "-c", SHOWS_PROGRESS], cwd=ROOT, stderr=slave)
-    os.close(slave)
-    seen = b""
-    try:
-        while portion := os.read(master, 4096):
-            seen += portion
-    except OSError:  # the way Linux tells that the other end is closed
-        pass
-    os.close(master)
-    assert process.wait(timeout=20) == 0
-    assert re.search(rb"2/3.* windows, \d s left", seen)
-
-
-def test_lines_come_now_and_then(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    from belahil.cli.progress import shown
-
-    now = iter([0.0, 2.0, 6.0, 7.0, 12.0])
-    monkeypatch.setattr("belahil.cli.progress.time.monotonic", lambda: next(now))
-    with shown(False, kept=0) as progress:
-        for done in range(1, 5):
-            progress(done, 4)
-    assert capsys.readouterr().err == "2 of 4 windows, 6 s left\n4 of 4 windows, 0 s left\n"
-
-
-def test_the_first_call_may_tell_what_was_there_before(
-    capsys: Captured, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from belahil.cli.progress import shown
-
-    # given a job that says at once that 6 of 10 are done, and does one more in 6 s
-    now = iter([0.0, 0.5, 6.5])
-    monkeypatch.setattr("belahil.cli.progress.time.monotonic", lambda: next(now))
-    with shown(False, things="chunks") as progress:
-        progress(6, 10)
-        progress(7, 10)
-    # then the pace is that of the one
-    assert capsys.readouterr().err == "7 of 10 chunks, 18 s left\n"
