@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from belahil.campaign_run import CampaignPlan
 from belahil.errors import RefusedInput
-from procedures.energy_parts import read_results, refuse_few
+from procedures.campaign_options import refuse_few, refuse_outside
+from procedures.energy_parts import read_results
 from procedures.orbit_points import SLOPES_DEG, orbit_chunks
 from procedures.range_ground import GroundKey
 from procedures.range_scenes import DISTANCES_AU, REFLECTANCES, base_scene
@@ -95,12 +96,12 @@ class OrbitOptions:
         refuse_few(self, _LEAST)
         if self.sun not in DISTANCES_AU:
             raise RefusedInput(f"--sun {self.sun}: allowed are {', '.join(DISTANCES_AU)}")
-        _within("rate-hz", (self.rate_hz,), 1e-3, 1e3)
-        _within("limits-km", self.limits_km, LOWEST_KM, HIGHEST_KM)
-        _within("reflectances", self.reflectances, 1e-3, 1.0)
-        _within("slopes-deg", self.slopes_deg, 0.0, 60.0)
-        _within("periapsis-latitude-deg", (self.periapsis_latitude_deg,), -90.0, 90.0)
-        _within("step-km", (self.step_km,), 5.0, 500.0)
+        refuse_outside("rate-hz", (self.rate_hz,), 1e-3, 1e3)
+        refuse_outside("limits-km", self.limits_km, LOWEST_KM, HIGHEST_KM)
+        refuse_outside("reflectances", self.reflectances, 1e-3, 1.0)
+        refuse_outside("slopes-deg", self.slopes_deg, 0.0, 60.0)
+        refuse_outside("periapsis-latitude-deg", (self.periapsis_latitude_deg,), -90.0, 90.0)
+        refuse_outside("step-km", (self.step_km,), 5.0, 500.0)
         if not (self.reflectances and self.slopes_deg):
             raise RefusedInput("--reflectances and --slopes-deg: at least one number each is needed")
         lowered = self.lowered_periapsis_km
@@ -109,8 +110,8 @@ class OrbitOptions:
                 f"--lowered-periapsis-km {lowered:g}: must be below the nominal one, {self.periapsis_km:g} km"
             )
         for orbit in self.orbits().values():
-            _within("periapsis-km", (orbit.periapsis_m / 1e3,), LOWEST_KM, HIGHEST_KM)
-            _within("apoapsis-km", (orbit.apoapsis_m / 1e3,), LOWEST_KM, HIGHEST_KM)
+            refuse_outside("periapsis-km", (orbit.periapsis_m / 1e3,), LOWEST_KM, HIGHEST_KM)
+            refuse_outside("apoapsis-km", (orbit.apoapsis_m / 1e3,), LOWEST_KM, HIGHEST_KM)
 
     def orbits(self) -> dict[str, Orbit]:
         """Return the nominal orbit and, where there is one, what becomes of it when the periapsis falls.
@@ -142,12 +143,6 @@ class OrbitOptions:
     def ground(self) -> GroundKey:
         """The eleven fractals."""
         return GroundKey(seed=self.ground_seed)
-
-
-def _within(name: str, values: tuple[float, ...], low: float, high: float) -> None:
-    for value in values:
-        if not low <= value <= high:
-            raise RefusedInput(f"--{name} {value:g}: allowed is {low:g} to {high:g}")
 
 
 def plan(options: OrbitOptions) -> CampaignPlan:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from belahil.campaign_run import CampaignPlan
 from belahil.errors import RefusedInput
+from procedures.campaign_options import refuse_few
 from procedures.range_ground import GroundKey
 from procedures.range_parts import PARTS, brute_chunks, levels_chunks, points, shared_chunks
 from procedures.range_points import collected
@@ -21,7 +22,16 @@ if TYPE_CHECKING:
 
 _NOISE_SEED, _SHOT_SEED = 0x6E6F0000, 0x73680000
 """Added to the seed of draws, so that noise windows and whole shots have numbers of their own."""
-_LEAST = {"echoes": 1, "repeats": 1, "sets": 1, "study_echoes": 1, "noise_windows": 20, "shots": 0, "seed": 0}
+_LEAST = {
+    "echoes": 1,
+    "repeats": 1,
+    "sets": 1,
+    "study_echoes": 1,
+    "noise_windows": 20,
+    "shots": 0,
+    "seed": 0,
+    "ground_seed": 0,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,11 +83,7 @@ class RangeOptions:
     by_beam: bool = False
 
     def __post_init__(self) -> None:
-        for name, least in (*_LEAST.items(), ("ground_seed", 0)):
-            if getattr(self, name) < least:
-                raise RefusedInput(
-                    f"--{name.replace('_', '-')} {getattr(self, name)}: at least {least} is needed"
-                )
+        refuse_few(self, _LEAST)
         unknown = [one for one in self.parts if one not in PARTS]
         if unknown or not self.parts:
             raise RefusedInput(f"--parts {','.join(self.parts)}: allowed are {', '.join(PARTS)}")

@@ -18,6 +18,8 @@ from msgspec import structs
 from belahil.campaign_run import CampaignPlan
 from belahil.chunks import Chunk
 from belahil.errors import RefusedInput
+from procedures.campaign_options import refuse_few, refuse_outside
+from procedures.footprint_moments import even_places
 from procedures.range_scenes import MEAN_REFLECTANCE, REFLECTANCES, base_scene
 from procedures.roughness_chunks import CASES, MARGIN
 from procedures.roughness_statistics import SLOPE_DEG
@@ -42,6 +44,8 @@ _ROUGH = tuple((LEVELS - 1, factor, number) for factor in FACTORS[:2] for number
 _FOOTPRINTS_A_SIDE = 20
 """Of a block of a terrain model that is one chunk's work: so small that the heights in it are small against
 the altitude, for the slant path is a series."""
+
+_LEAST = {"sets": 2, "per_side": 2, "seed": 0, "ground_seed": 0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,18 +94,10 @@ class RoughnessOptions:
     ground_seed: int = 100
 
     def __post_init__(self) -> None:
-        if not 100e3 <= self.altitude_m <= 1500e3:
-            raise RefusedInput(f"altitude_m = {self.altitude_m:g}: allowed are 100e3 to 1500e3")
-        if self.sets < 2 or self.per_side < 2:
-            raise RefusedInput(
-                f"{self.sets} sets of {self.per_side} x {self.per_side} footprints: at least 2 sets of 2 x 2"
-            )
-        if not 1 <= self.slope_deg <= 30:
-            raise RefusedInput(f"slope_deg = {self.slope_deg:g}: allowed are 1 to 30")
-        if not 0 <= self.ellipticity <= 0.9:
-            raise RefusedInput(f"ellipticity = {self.ellipticity:g}: allowed are 0 (a round beam) to 0.9")
-        if min(self.seed, self.ground_seed) < 0:
-            raise RefusedInput(f"seed = {self.seed}, ground_seed = {self.ground_seed}: must not be negative")
+        refuse_few(self, _LEAST)
+        refuse_outside("altitude-km", (self.altitude_m / 1e3,), 100.0, 1500.0)
+        refuse_outside("slope-deg", (self.slope_deg,), 1.0, 30.0)
+        refuse_outside("ellipticity", (self.ellipticity,), 0.0, 0.9)
 
 
 def plan(options: RoughnessOptions) -> CampaignPlan:
@@ -175,6 +171,10 @@ def _terrain(scene: Scene, options: RoughnessOptions, here: dict[str, Any], firs
     relief = terrain_file(options.terrain).relief
     assert isinstance(relief, Grid)
     sigma_m = beam_sigma_m(scene.laser, scene.altitude_m)[0]
+    try:
+        even_places(relief, MARGIN * sigma_m, None, 4 * sigma_m)
+    except RefusedInput as error:
+        raise RefusedInput(f"--terrain {options.terrain}: {error}") from error
     margin, apart = (math.ceil(wide * sigma_m / relief.spacing_m) for wide in (MARGIN, 4.0))
     wide = 2 * margin + 1 + (_FOOTPRINTS_A_SIDE - 1) * apart
     path = Path(options.terrain)

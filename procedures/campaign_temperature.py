@@ -20,6 +20,7 @@ from msgspec import structs
 from belahil.campaign_run import CampaignPlan
 from belahil.chunks import Chunk
 from belahil.errors import RefusedInput
+from procedures.campaign_options import refuse_outside
 from procedures.pulse_library import best_matches, mean_fit, plane_chain, pulse_library
 from sim.footprint import NoReturn
 from sim.kernel import Kernel
@@ -55,7 +56,7 @@ class TemperatureOptions:
     scene : str or None
         Instrument, altitude, reflectance; its ground is replaced by a plane. None: BELA at 500 km.
     slope_deg : float
-        Of the plane, 0 to below 90.
+        Of the plane, 0 to 89, and less where its echo would be longer than what is computed.
     azimuth_deg : float
         In which it rises; the assumed sets point along azimuth 0.
     cold, ambient, hot : str or None
@@ -78,13 +79,11 @@ class TemperatureOptions:
     threshold: float = 0.17
 
     def __post_init__(self) -> None:
-        if not (0 <= self.slope_deg < 90 and np.isfinite(self.azimuth_deg)):
-            raise RefusedInput(
-                f"slope_deg = {self.slope_deg:g}, azimuth_deg = {self.azimuth_deg:g}: the slope must be 0 to "
-                "below 90"
-            )
+        refuse_outside("slope-deg", (self.slope_deg,), 0.0, 89.0)
+        if not np.isfinite(self.azimuth_deg):
+            raise RefusedInput(f"--azimuth-deg {self.azimuth_deg:g}: must be finite")
         if not 0 <= self.threshold < 1:
-            raise RefusedInput(f"threshold = {self.threshold:g}: must be 0 to below 1")
+            raise RefusedInput(f"--threshold {self.threshold:g}: allowed is 0 to below 1")
 
 
 def plan(options: TemperatureOptions) -> CampaignPlan:
@@ -96,6 +95,7 @@ def plan(options: TemperatureOptions) -> CampaignPlan:
         A scene cannot be read.
     """
     scene = Scene() if options.scene is None else load_scene(options.scene)
+    _refuse_unchanged(options, scene.laser)
     own: dict[Thermal, str | None] = {name: getattr(options, name) for name in SETS}
     lasers: dict[str, Laser] = {
         name: changed(scene.laser, THERMAL[name]) if given is None else load_scene(given).laser
@@ -104,6 +104,8 @@ def plan(options: TemperatureOptions) -> CampaignPlan:
     common = {"slope_deg": options.slope_deg, "azimuth_deg": options.azimuth_deg}
     lasers |= variations(scene.laser, own)
     scenes = {name: as_toml(_equal(scene, laser)) for name, laser in lasers.items()}
+    for name in SETS:
+        _refuse_late(parse_scene(scenes[name]), options)
     where = "procedures.campaign_temperature"
     chunks = [
         Chunk(name, f"{where}:one_set", {"scene": text, "threshold": options.threshold} | common)
@@ -113,6 +115,30 @@ def plan(options: TemperatureOptions) -> CampaignPlan:
     chunks.append(Chunk("library", f"{where}:wrong_library", matched | common))
     instruments = {"laser": "as assumed" if not any(own.values()) else "of scenes, where they were given"}
     return CampaignPlan(tuple(chunks), as_toml(scene), scene.seed, instruments)
+
+
+def _refuse_unchanged(options: TemperatureOptions, laser: Laser) -> None:
+    """Refuse a laser whose shapes come from files, where an assumed set is to change them."""
+    if options.cold is not None and options.hot is not None:
+        return
+    if laser.pulse == "table" or laser.beam == "image":
+        raise RefusedInput(
+            f'--scene {options.scene}: pulse = "{laser.pulse}" and beam = "{laser.beam}" of its laser; the '
+            "assumed sets change widths of other shapes: give --cold and --hot"
+        )
+
+
+def _refuse_late(scene: Scene, options: TemperatureOptions) -> None:
+    """Refuse ground so steep that pulses end beyond what is computed, uphill or downhill of the pointing."""
+    for turn_deg in (0.0, 180.0):
+        steepest_deg = options.slope_deg + HALF_STEP_DEG
+        chain = plane_chain(scene, steepest_deg, options.azimuth_deg + turn_deg)
+        interval_s = chain.receiver.grid.interval_s
+        volts = chain.curve(None, -_BEFORE_S, interval_s, round((_BEFORE_S + _AFTER_S) / interval_s))
+        try:
+            mean_fit(volts, 1, scene.correlation_window_samples, interval_s)
+        except RefusedInput as error:
+            raise RefusedInput(f"--slope-deg {options.slope_deg:g}: {error}") from error
 
 
 def variations(laser: Laser, own: dict[Thermal, str | None]) -> dict[str, Laser]:
@@ -146,7 +172,8 @@ def changed(laser: Laser, change: ThermalSet) -> Laser:
     return structs.replace(
         laser,
         fwhm_s=laser.fwhm_s * change.fwhm,
-        tail_s=laser.tail_s * change.tail,
+        # Only where it acts: a scene says nothing that does nothing.
+        tail_s=laser.tail_s * (change.tail if laser.pulse == "tailed" else 1.0),
         divergence_rad=laser.divergence_rad * change.divergence,
         pointing_rad=(
             laser.pointing_rad[0] + change.pointing_rad[0],

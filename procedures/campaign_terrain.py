@@ -6,6 +6,7 @@ fractals of the campaigns, and quantiles of any number of terrain models, as the
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,17 @@ from belahil.campaign_run import CampaignPlan
 from belahil.chunks import Chunk
 from belahil.errors import RefusedInput
 from procedures.arrival_ground import EXTENT_M
-from procedures.relief_profile import BLOCKS, Area, part_of, profile, tiles_of, typical_areas
+from procedures.campaign_options import refuse_few
+from procedures.range_ground import SPACING_M
+from procedures.relief_profile import (
+    BLOCKS,
+    Area,
+    part_of,
+    profile,
+    tile_counts,
+    tiles_of,
+    typical_areas,
+)
 from procedures.study_ground import LEVELS, digest, fractal, terrain_file
 from sim.scene import Scene, as_toml
 from sim.terrain_fractal import multifractal
@@ -77,11 +88,12 @@ class TerrainOptions:
     def __post_init__(self) -> None:
         for text in self.areas:
             parsed_area(text)
-        for name, value in (("tile_m", self.tile_m), ("slope_baseline_m", self.slope_baseline_m)):
+        for name, value in (("tile", self.tile_m), ("slope-baseline", self.slope_baseline_m)):
             if value is not None and not 0 < value < np.inf:
-                raise RefusedInput(f"{name} = {value!r}: must be positive and finite")
-        if self.seed < 0:
-            raise RefusedInput(f"seed = {self.seed}: must not be negative")
+                raise RefusedInput(f"--{name}-m {value:g}: must be positive and finite")
+        if self.tile_m is not None and not self.models:
+            raise RefusedInput(f"--tile-m {self.tile_m:g}: cuts terrain models, and no --model is given")
+        refuse_few(self, {"seed": 0})
 
 
 def parsed_area(text: str) -> Area:
@@ -98,7 +110,7 @@ def parsed_area(text: str) -> Area:
     except ValueError:
         x_m = y_m = side_m = np.nan
     if not (name and equals and np.isfinite([x_m, y_m, side_m]).all() and side_m > 0):
-        raise RefusedInput(f"area {text!r}: allowed is NAME=X,Y,SIDE, m from the middle of the terrain")
+        raise RefusedInput(f"--area {text}: allowed is NAME=X,Y,SIDE, m from the middle of the terrain")
     return Area(name, x_m, y_m, side_m)
 
 
@@ -108,8 +120,13 @@ def plan(options: TerrainOptions) -> CampaignPlan:
     Raises
     ------
     RefusedInput
-        A file cannot be read.
+        A file cannot be read, an area is not on the terrain, or tiles are too many.
     """
+    _refuse_analog(options)
+    for path in options.models:
+        grid = _grid(path)
+        if options.tile_m is not None:
+            _refuse_tiles(path, grid, options.tile_m)
     given = {
         "path": _absolute(options.terrain),
         "content": None if options.terrain is None else digest(options.terrain),
@@ -130,6 +147,38 @@ def plan(options: TerrainOptions) -> CampaignPlan:
     )
 
 
+def _refuse_analog(options: TerrainOptions) -> None:
+    """Refuse areas and baselines that the analog has not; a made one is not made for it."""
+    if options.terrain is not None:
+        grid = _grid(options.terrain)
+    else:
+        posts = round(EXTENT_M / SPACING_M) + 1
+        grid = Grid(np.zeros((posts, posts)), SPACING_M, -EXTENT_M / 2, -EXTENT_M / 2)
+    for area in _placed(grid, [asdict(parsed_area(text)) for text in options.areas]):
+        part_of(grid, area)
+    longest_m = (min(grid.values.shape) - 1) * grid.spacing_m
+    if options.slope_baseline_m is not None and options.slope_baseline_m > longest_m:
+        raise RefusedInput(
+            f"--slope-baseline-m {options.slope_baseline_m:g}: the terrain is {longest_m:g} m wide"
+        )
+
+
+def _refuse_tiles(path: str, grid: Grid, tile_m: float) -> None:
+    """Refuse more tiles than are a chunk's work, before any is cut, and tiles without posts."""
+    x_min, x_max, y_min, y_max = grid.bounds
+    count = math.prod(tile_counts(grid, tile_m))
+    # Anywhere between the posts a tile must have two along each side.
+    least_m = max(math.sqrt((x_max - x_min) * (y_max - y_min) / _TILES), 2 * grid.spacing_m)
+    if count <= _TILES and tile_m >= 2 * grid.spacing_m:
+        return
+    if math.prod(tile_counts(grid, least_m)) > _TILES:
+        raise RefusedInput(f"--tile-m {tile_m:g}: {path} is too narrow to be cut; leave the option out")
+    raise RefusedInput(
+        f"--tile-m {tile_m:g}: makes {count} tiles of {path}, with posts {grid.spacing_m:g} m apart; allowed "
+        f"is {math.ceil(least_m)} and more, for up to {_TILES} tiles"
+    )
+
+
 def _absolute(path: str | None) -> str | None:
     """A path that a worker with another working directory finds; the name of a ready scene as it is."""
     return path if path is None or not Path(path).exists() else str(Path(path).absolute())
@@ -147,9 +196,7 @@ def analog(
     x_min, x_max, y_min, y_max = grid.bounds
     middle = ((x_min + x_max) / 2, (y_min + y_max) / 2)
     side_m = min(x_max - x_min, y_max - y_min)
-    chosen = tuple(
-        Area(one["name"], middle[0] + one["x_m"], middle[1] + one["y_m"], one["side_m"]) for one in areas
-    ) or typical_areas(grid, side_m / 4)
+    chosen = _placed(grid, areas) or typical_areas(grid, side_m / 4)
     found = [profile(grid, BASELINES_M), *(profile(part_of(grid, one), BASELINES_M) for one in chosen)]
     slopes = slope_map(grid, slope_baseline_m or grid.spacing_m)
     known = slopes.slope_rad[slopes.known]
@@ -177,6 +224,13 @@ def analog(
     }
 
 
+def _placed(grid: Grid, areas: list[dict[str, Any]]) -> tuple[Area, ...]:
+    """Areas from the middle of a terrain, in its own coordinates."""
+    x_min, x_max, y_min, y_max = grid.bounds
+    x_m, y_m = (x_min + x_max) / 2, (y_min + y_max) / 2
+    return tuple(Area(one["name"], x_m + one["x_m"], y_m + one["y_m"], one["side_m"]) for one in areas)
+
+
 def one_fractal(level: int, seed: int) -> dict[str, NDArray[Any]]:
     """Measure one of the eleven fractals."""
     relief = fractal(level, seed).relief
@@ -189,10 +243,7 @@ def one_model(path: str, content: str, tile_m: float | None) -> dict[str, NDArra
     grid = _grid(path)
     pieces = [grid]
     if tile_m is not None:
-        areas = tiles_of(grid, tile_m)
-        if len(areas) > _TILES:
-            raise RefusedInput(f"{path}: {len(areas)} tiles of {tile_m:g} m; allowed are up to {_TILES}")
-        pieces = [part_of(grid, one) for one in areas if _has_data(grid, one)]
+        pieces = [part_of(grid, one) for one in tiles_of(grid, tile_m) if _has_data(grid, one)]
     return _stacked([profile(one, BASELINES_M) for one in pieces])
 
 

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from belahil.campaign_run import CampaignPlan
 from belahil.chunks import Chunk
-from belahil.errors import RefusedInput
 from procedures.echo_energy import Conversion, PlainPulses, conversion
 from procedures.range_points import Collected, Point, collected
 from procedures.range_scenes import base_scene
 from sim.scene import as_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
@@ -34,14 +33,6 @@ _CALIBRATION_SEED = 0x63610000
 """Added to the seed of draws: the places of the calibration are none of those that it serves."""
 _HALF_DEG = 1.0
 """Footprints have their slope within so much."""
-
-
-def refuse_few(options: object, least: Mapping[str, int]) -> None:
-    """Refuse options below what statistics need, by the names of the command line."""
-    for name, fewest in least.items():
-        given = getattr(options, name)
-        if given < fewest:
-            raise RefusedInput(f"--{name.replace('_', '-')} {given}: at least {fewest} is needed")
 
 
 @dataclass(frozen=True, slots=True)

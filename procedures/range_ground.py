@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 SPACING_M = 1.5
 TURN_DEG = 36.0
 """From the tilt of one fractal to that of the next: none of them all along a row of posts."""
+MODEL = "model:"
+"""Before the name of a terrain model in the kind of a ground."""
 
 _MARGIN = 4.9
 """Standard deviations of the beam that no footprint lies nearer to an edge: room for the jitter."""
@@ -47,7 +49,7 @@ class GroundKey:
     Parameters
     ----------
     kind : str
-        "fractal", "plane", or the path of a terrain model.
+        "fractal", "plane", or `MODEL` and the path or scene of a terrain model, which may be called so too.
     seed : int
         Of the smoothest fractal; the others have the next ones.
     tilt_deg : float
@@ -159,7 +161,7 @@ def flat_terrains(kind: str, seed: int, factor: float, hurst: float = HURST) -> 
         made = [shared(_FRACTAL, _of_level(level, seed, hurst)) for level in range(LEVELS)]
         reliefs = [Grid(one["height_m"], SPACING_M, 0.0, 0.0) for one in made]
     else:
-        reliefs = list(gapless_squares(_relief(terrain_file(kind))))
+        reliefs = list(gapless_squares(_relief(terrain_file(kind.removeprefix(MODEL)))))
     return tuple(Grid(factor * (one.values - one.values.mean()), one.spacing_m, 0.0, 0.0) for one in reliefs)
 
 

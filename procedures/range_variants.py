@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import structs
 
-from procedures.range_ground import GroundKey, flat_terrains
+from procedures.range_ground import MODEL, GroundKey, flat_terrains
 from procedures.range_points import Point
 from procedures.range_scenes import ALTITUDES_M, MEAN_REFLECTANCE, base_scene, conditions
 from procedures.study_ground import LEVELS, digest
@@ -106,7 +106,7 @@ def column_points(options: RangeOptions, seed: int) -> Iterator[Point]:
     plane = replace(options.ground, kind="plane")
     grounds, every = {COLUMNS[1]: (plane, 1)}, options.study_echoes * LEVELS
     if options.terrain is not None:
-        model = GroundKey(options.terrain, tilt_deg=10.0, digest=digest(options.terrain))
+        model = GroundKey(MODEL + options.terrain, tilt_deg=10.0, digest=digest(options.terrain))
         grounds[COLUMNS[2]] = model, len(flat_terrains(model.kind, model.seed, model.factor))
     for altitude_m in ALTITUDES_M:
         for label, (ground, terrains) in grounds.items():

@@ -228,11 +228,20 @@ def tiles_of(grid: Grid, side_m: float, step: float = 1.0) -> list[Area]:
     x_min, x_max, y_min, y_max = grid.bounds
     side_m = min(side_m, x_max - x_min, y_max - y_min)
     places = []
-    for low, high in ((x_min, x_max), (y_min, y_max)):
-        count = 1 + int((high - low - side_m) / (step * side_m) + 1e-9)
+    for low, high, count in zip((x_min, y_min), (x_max, y_max), tile_counts(grid, side_m, step), strict=True):
         ends = (low + side_m / 2, high - side_m / 2)
         places.append(np.linspace(*ends, count) if count > 1 else np.array([(low + high) / 2]))
     return [Area(f"tile {x:.0f},{y:.0f}", float(x), float(y), side_m) for y in places[1] for x in places[0]]
+
+
+def tile_counts(grid: Grid, side_m: float, step: float = 1.0) -> tuple[int, int]:
+    """Return how many tiles `tiles_of` makes along x and along y."""
+    x_min, x_max, y_min, y_max = grid.bounds
+    side_m = min(side_m, x_max - x_min, y_max - y_min)
+    along_x, along_y = (
+        1 + int((length_m - side_m) / (step * side_m) + 1e-9) for length_m in (x_max - x_min, y_max - y_min)
+    )
+    return along_x, along_y
 
 
 def typical_areas(grid: Grid, side_m: float) -> tuple[Area, ...]:

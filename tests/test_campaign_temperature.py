@@ -169,11 +169,12 @@ def test_a_pulse_that_leaves_what_is_computed_is_refused_in_words(tmp_path: Path
     # given a slope so steep that the pointing of the hot set takes its pulse 128 ns away
     scene = tmp_path / "high.toml"
     scene.write_text("altitude_m = 1400e3\n")
-    chunks = plan(TemperatureOptions(scene=str(scene), slope_deg=70.0)).chunks
-    hot = next(one for one in chunks if one.name == "hot")
+    options = TemperatureOptions(scene=str(scene), slope_deg=70.0)
 
-    with pytest.raises(RefusedInput, match="no 42 samples round it there; a gentler slope"):
-        work(hot.work, hot.given)
+    with pytest.raises(
+        RefusedInput, match=r"--slope-deg 70: .* no 42 samples round it there; a gentler slope"
+    ):
+        plan(options)
 
 
 @pytest.mark.parametrize(("early", "late"), [(2, 0), (0, 2)])

@@ -12,7 +12,7 @@ import pytest
 from belahil.errors import RefusedInput
 from procedures.campaign_range import RangeOptions
 from procedures.range_chunks import echo_draws
-from procedures.range_ground import GroundKey, flat_terrains
+from procedures.range_ground import MODEL, GroundKey, flat_terrains
 from procedures.range_scenes import base_scene, conditions
 from procedures.range_variants import column_points
 from procedures.study_ground import LEVELS, gapless_squares
@@ -96,10 +96,10 @@ def test_ranges_are_predicted_on_a_high_terrain_model_with_gaps(tmp_path: Path) 
     flat_terrains.cache_clear()
 
     options = RangeOptions(("columns",), terrain=str(scene), study_echoes=2)
-    model_point = next(one for one in column_points(options, 1) if one.ground.kind == str(scene))
+    model_point = next(one for one in column_points(options, 1) if one.ground.kind == MODEL + str(scene))
     cell = asdict(conditions(base_scene())[0])
     told = echo_draws(
-        as_toml(base_scene()), asdict(GroundKey(str(scene))), (9.0, 11.0), [cell], 2, 1, 1, 0, 0.0
+        as_toml(base_scene()), asdict(GroundKey(MODEL + str(scene))), (9.0, 11.0), [cell], 2, 1, 1, 0, 0.0
     )
 
     # then: as many echoes as on the fractals, spread over its squares, and they are seen

@@ -7,25 +7,16 @@ from typing import Any
 
 import click
 
-from belahil.cli.campaigning import Place, campaign_options, perform
+from belahil.cli.campaigning import Place, campaign_options, echo_options, perform
 
 
 @click.command(
     "energy", short_help="Errors of the energy of return pulses by altitude, reflectance and slope."
 )
-@click.option("--echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain in each set; 40.")
-@click.option("--slope-echoes", type=click.IntRange(min=1), metavar="N", help="At other slopes; 24.")
-@click.option("--repeats", type=click.IntRange(min=1), metavar="N", help="Shots about each echo; 6.")
-@click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of echoes at each altitude; 2.")
-@click.option("--noise-windows", type=click.IntRange(min=20), metavar="N", help="With noise only; 1000.")
+@echo_options
 @click.option(
-    "--calibration-echoes",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Without noise, on each terrain; 20.",
+    "--slope-echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain at other slopes; 24."
 )
-@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of all draws; 1.")
-@click.option("--ground-seed", type=click.IntRange(min=0), metavar="N", help="Of the fractals; 100.")
 @campaign_options
 def command(
     out: Path | None,

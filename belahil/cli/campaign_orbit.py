@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from belahil.cli.campaigning import Place, campaign_options, perform
+from belahil.cli.campaigning import Place, campaign_options, perform, sun_option
 from belahil.cli.options import Decimals
 from belahil.cli.pulse_shape import Degrees
 
@@ -29,7 +29,7 @@ from belahil.cli.pulse_shape import Degrees
 @click.option("--rate-hz", type=float, metavar="X", help="Shots in a second; 10.")
 @click.option("--reflectances", type=Decimals(0), metavar="LIST", help="Of the ground; 0.08,0.17,0.30.")
 @click.option("--slopes-deg", type=Degrees(), metavar="LIST", help="Of the ground; 0,10,20,30.")
-@click.option("--sun", metavar="NAME", help="At its mean distance or at perihelion; mean.")
+@sun_option
 @click.option(
     "--periapsis-latitude-deg",
     type=float,

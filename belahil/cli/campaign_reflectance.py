@@ -7,25 +7,14 @@ from typing import Any
 
 import click
 
-from belahil.cli.campaigning import Place, campaign_options, perform
+from belahil.cli.campaigning import Place, campaign_options, echo_options, perform, sun_option
 
 
 @click.command(
     "reflectance", short_help="Which kinds of ground pulses tell apart, from how high, with how many shots."
 )
-@click.option("--echoes", type=click.IntRange(min=1), metavar="N", help="On each terrain in each set; 40.")
-@click.option("--repeats", type=click.IntRange(min=1), metavar="N", help="Shots about each echo; 6.")
-@click.option("--sets", type=click.IntRange(min=1), metavar="N", help="Sets of echoes at each altitude; 2.")
-@click.option("--noise-windows", type=click.IntRange(min=20), metavar="N", help="With noise only; 1000.")
-@click.option(
-    "--calibration-echoes",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Without noise, on each terrain; 20.",
-)
-@click.option("--sun", metavar="mean|perihelion", help="Distance of the Sun; mean.")
-@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="Of all draws; 1.")
-@click.option("--ground-seed", type=click.IntRange(min=0), metavar="N", help="Of the fractals; 100.")
+@echo_options
+@sun_option
 @campaign_options
 def command(
     out: Path | None,

@@ -17,11 +17,14 @@ from belahil.cli import signals
 from belahil.cli.measuring import dated
 from belahil.cli.options import version_option
 from belahil.cli.progress import shown
+from belahil.errors import RefusedInput
+from belahil.run_folder import read_json, refuse_used
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from belahil.campaign_run import CampaignPlan, CampaignRun
+    from belahil.executors import Workers
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -69,6 +72,26 @@ def campaign_options(function: F) -> F:
     return function
 
 
+def echo_options(function: F) -> F:
+    """Add what `procedures.echo_options.EchoOptions` holds to a campaign."""
+    for name, least, text in (
+        ("echoes", 1, "On each terrain in each set; 40."),
+        ("repeats", 1, "Shots about each echo; 6."),
+        ("sets", 1, "Sets of echoes at each altitude; 2."),
+        ("noise-windows", 20, "With noise only; 1000."),
+        ("calibration-echoes", 1, "Without noise, on each terrain; 20."),
+        ("seed", 0, "Of all draws; 1."),
+        ("ground-seed", 0, "Of the fractals; 100."),
+    )[::-1]:
+        function = click.option(f"--{name}", type=click.IntRange(min=least), metavar="N", help=text)(function)
+    return function
+
+
+def sun_option(function: F) -> F:
+    """Add ``--sun`` to a campaign."""
+    return click.option("--sun", metavar="mean|perihelion", help="Distance of the Sun; mean.")(function)
+
+
 def perform(
     campaign: str, options_type: str, chosen: Mapping[str, Any], place: Place, lines: Callable[..., list[str]]
 ) -> int:
@@ -93,8 +116,9 @@ def perform(
     if place.resume is not None and (place.out is not None or given):
         raise click.UsageError(f"--resume {place.resume} takes everything from that folder")
     procedure = importlib.import_module(f"procedures.campaign_{campaign}")
-    with _opened(campaign, getattr(procedure, options_type), given, place) as (run, options):
-        summary = _summary(procedure, run, options, place)
+    kind = getattr(procedure, options_type)
+    with _opened(campaign, procedure, kind, given, place) as (run, job):
+        summary = read_json(run.folder / "summary.json") if job is None else _performed(procedure, run, job)
     if place.as_json:
         sys.stdout.write((run.folder / "summary.json").read_text(encoding="utf-8"))
     elif not place.quiet:
@@ -104,51 +128,68 @@ def perform(
     return 0
 
 
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """What is left to be done, and by whom."""
+
+    plan: CampaignPlan
+    workers: Workers
+    quiet: bool
+
+
 @contextmanager
 def _opened(
-    campaign: str, kind: Any, given: Mapping[str, Any], place: Place
-) -> Iterator[tuple[CampaignRun, Any]]:
+    campaign: str, procedure: Any, kind: Any, given: Mapping[str, Any], place: Place
+) -> Iterator[tuple[CampaignRun, _Job | None]]:
+    """Open a new folder or that of a run; no job where that has its results already."""
     from msgspec import convert
 
     from belahil.campaign_run import CampaignRun
 
+    job: _Job | None = None
     if place.resume is None:
+        # All that can be refused is, before there is a folder: one without a plan could not be resumed.
+        folder = place.out or dated(f"campaign-{campaign}")
+        refuse_used(folder)
         options = convert(dict(given), kind)
-        run = CampaignRun.create(place.out or dated(f"campaign-{campaign}"), campaign, asdict(options))
+        job = _job(procedure.plan(options), place)
+        run = CampaignRun.create(folder, campaign, asdict(options))
     else:
         run = CampaignRun.resume(place.resume, campaign)
-        options = convert(run.begun["options"], kind)
     with run:
         try:
-            yield run, options
+            if job is None and not run.finished:
+                job = _job(procedure.plan(convert(run.begun["options"], kind)), place)
+            yield run, job
         except BaseException as error:
             run.log(f"stopped: {type(error).__name__}: {error}")
-            error.add_note(f"continue with: belahil campaign {campaign} --resume {run.folder}")
+            if not isinstance(error, RefusedInput):
+                error.add_note(f"continue with: belahil campaign {campaign} --resume {run.folder}")
             raise
 
 
-def _summary(procedure: Any, run: CampaignRun, options: Any, place: Place) -> dict[str, Any]:
-    from belahil.run_folder import read_json
-
-    if run.finished:
-        return read_json(run.folder / "summary.json")
-    plan: CampaignPlan = procedure.plan(options)
-    _compute(plan, run, place)
-    return _finish(procedure, plan, run, place.quiet)
-
-
-def _compute(plan: CampaignPlan, run: CampaignRun, place: Place) -> None:
-    from belahil.chunks import run_chunks
+def _job(plan: CampaignPlan, place: Place) -> _Job:
     from belahil.executors import cluster_workers, local_workers
 
     workers = local_workers(place.workers) if place.cluster is None else cluster_workers(place.cluster)
-    begun = time.monotonic()
-    with shown(place.quiet, things="chunks") as progress:
-        done = run_chunks(plan.chunks, run.store, workers.open, workers.in_flight, progress, run.log)
+    return _Job(plan, workers, place.quiet)
+
+
+def _performed(procedure: Any, run: CampaignRun, job: _Job) -> dict[str, Any]:
+    _compute(job, run)
+    return _finish(procedure, job.plan, run, job.quiet)
+
+
+def _compute(job: _Job, run: CampaignRun) -> None:
+    from belahil.chunks import run_chunks
+
+    workers, begun = job.workers, time.monotonic()
+    with shown(job.quiet, things="chunks") as progress:
+        done = run_chunks(job.plan.chunks, run.store, workers.open, workers.in_flight, progress, run.log)
     signals.check()
     pace = f"{done} chunks on {workers.count} workers in {time.monotonic() - begun:.1f} s"
     run.log(pace)
-    if not place.quiet:
+    if not job.quiet:
         print(pace, file=sys.stderr)
 
 
