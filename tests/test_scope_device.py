@@ -119,3 +119,51 @@ def test_of_many_sample_rates_few_receivers_are_kept() -> None:
         ask(device, f":TIM:RANG {1e-5 * (1 + number)};:SING")
     front = device._front
     assert len(front._models) <= 8  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("driver", "changes", "questions"),
+    [
+        (
+            "keysight-infiniivision",
+            ':CHAN1:RANG 0.5;LAB "S7";:TIM:RANG 1E-5;REF LEFT;:WAV:POIN 2000',
+            ":CHAN1:RANG?;LAB?;:TIM:RANG?;REF?;:WAV:POIN?",
+        ),
+        (
+            "rigol-ds1000z",
+            ":RUN;:ACQ:MDEP 120000;:STOP;:CHAN1:SCAL 0.1;:TRIG:SPI:WIDT 32;DATA 7;:WAV:STOP 99",
+            ":ACQ:MDEP?;:CHAN1:SCAL?;:TRIG:SPI:WIDT?;DATA?;:WAV:STOP?",
+        ),
+        (
+            "siglent-sds",
+            "MSIZ 140K;C1:VDIV 0.1;WFSU SP,1,NP,5,FP,7;TRSE EDGE,SR,EX,HT,OFF;TRMD SINGLE",
+            "MSIZ?;C1:VDIV?;WFSU?;TRSE?",
+        ),
+        (
+            "tektronix-mso",
+            ':CH1:SCA 0.05;LAB:NAM "SHOT 7";:HOR:MOD:RECO 2000;:DAT:STOP 9;:ACQ:STATE RUN',
+            ":CH1:SCA?;LAB:NAM?;:HOR:MOD:RECO?;:DAT:STOP?",
+        ),
+    ],
+)
+def test_settings_come_back_from_their_place_and_nothing_waits(
+    driver: str, changes: str, questions: str
+) -> None:
+    # given settings that are kept
+    device = scope(driver)
+    first = ask(device, questions)
+    ask(device, f"{changes};*SAV 1")
+    kept = ask(device, questions)
+    assert kept != first
+    # when the instrument is reset, and they are recalled
+    ask(device, "*RST")
+    assert ask(device, questions) == first
+    ask(device, "*RCL 1")
+    ask(device, "WFSU FP,9")  # a word of one of them, which what is kept must not follow
+    ask(device, "*RCL 1")
+    # then they are as before, and it is stopped
+    assert ask(device, questions) == kept
+    assert not device.is_armed
+    # and none of them answers all settings at once
+    ask(device, "*CLS;*LRN?")
+    assert ask(device, "SYST:ERR?").startswith("-113")

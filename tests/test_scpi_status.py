@@ -11,8 +11,9 @@ import pyvisa
 from hypothesis import given
 from hypothesis import strategies as st
 
-from belahil.generators import MODELS, GeneratorSetting
+from belahil.generators import FAMILIES, MODELS, GeneratorSetting
 from sim.devices.generator import GeneratorDevice
+from sim.devices.generator_families import generator_device
 from sim.devices.scpi import ScpiDevice
 from sim.devices.scpi.registers import Register
 from sim.devices.scpi.status import ScpiError
@@ -266,8 +267,8 @@ COMMANDS = (
 )  # fmt: skip
 
 
-def some_command(draw: random.Random) -> str:
-    text = draw.choice(COMMANDS).replace("{n}", number := draw.choice("12"))
+def some_command(draw: random.Random, commands: tuple[str, ...] = COMMANDS) -> str:
+    text = draw.choice(commands).replace("{n}", number := draw.choice("12"))
     head, _, spec = text.partition("{")
     if spec.startswith("choice:"):
         text = head + draw.choice(spec[7:-1].split(","))
@@ -301,6 +302,58 @@ def test_any_settings_come_back_from_their_place_and_from_the_learned_message() 
             assert channel == expected
         # beyond a limit, rounding is clipped
         assert set(codes(other)) <= {-222, 901}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_only_who_learns_answers_the_question_for_all_settings(family: str) -> None:
+    model = MODELS[sorted(FAMILIES[family])[0]]
+    device = generator_device(model, Port())
+    answers = ask(device, "*LRN?")
+    if family in ("keysight-33500", "keysight-33600", "agilent-33220"):
+        assert answers[0].startswith("*RST;:OUTP")
+        assert codes(device) == []
+    else:
+        assert answers == []
+        assert codes(device) == [-113]
+
+
+USER_COMMANDS = (
+    "FUNC {choice:SIN,SQU,RAMP,PULS,NOIS,USER,DC}", "FREQ {1e2,2e7}", "VOLT {1e-2,9}", "VOLT:OFFS {-4,4}",
+    "VOLT:UNIT {choice:VPP,VRMS,DBM}", "FUNC:SQU:DCYC {21,79}", "BURS:NCYC {1,1000}", "BURS:NCYC INF",
+    "BURS:STAT {choice:0,1}", "TRIG:SOUR {choice:IMM,EXT,BUS}", "OUTP:LOAD {1,10000}", "OUTP:LOAD INF",
+    "OUTP {choice:0,1}", "OUTP:POL {choice:NORM,INV}", "FUNC:USER {choice:W1,SINC}", "PULS:PER {1e-6,1}",
+    "VOLT:HIGH {1,4}", "VOLT:LOW {-4,0}", "VOLT:RANG:AUTO {choice:0,1}",
+)  # fmt: skip
+
+
+def test_a_33220a_learns_its_settings_from_the_message_of_another() -> None:
+    draw, upload = random.Random("33220A"), "DATA VOLATILE,0,.5,1,-1;:DATA:COPY W1,VOLATILE"
+    for _ in range(60):
+        # given any settings of one
+        device, other = (generator_device(MODELS["33220A"], Port()) for _ in range(2))
+        ask(device, upload, *(some_command(draw, USER_COMMANDS) for _ in range(25)), "*CLS")
+        (learned,) = ask(device, "*LRN?")
+        # when another, set in some other way, is told them
+        ask(other, upload, *(some_command(draw, USER_COMMANDS) for _ in range(10)), "*CLS", learned)
+        # then both answer the same, volts to the four digits that a generator keeps
+        (told,) = ask(other, "*LRN?")
+        for said, expected in zip(told.split(";"), learned.split(";"), strict=True):
+            (header, _, value), (_, _, due) = said.partition(" "), expected.partition(" ")
+            if header.endswith((":AMPL", ":OFFS")):
+                assert float(value) == pytest.approx(float(due), rel=1e-3)
+            else:
+                assert said == expected
+        assert set(codes(other)) <= {-222, 901}
+
+
+def test_a_33220a_gets_over_a_waveform_that_was_deleted_since() -> None:
+    device = generator_device(MODELS["33220A"], Port())
+    ask(
+        device, "DATA VOLATILE,0,.5,1,-1;:DATA:COPY W1,VOLATILE", "FUNC:USER W1;:FUNC USER;:OUTP ON", "*SAV 1"
+    )
+    ask(device, "FUNC:USER SINC;:DATA:DEL W1", "*RCL 1")
+    assert codes(device) == [785]
+    assert ask(device, "FUNC?;FUNC:USER?") == ["USER;EXP_RISE"]
 
 
 def test_a_waveform_that_was_cleared_since_is_missed_and_nothing_breaks() -> None:

@@ -206,6 +206,7 @@ def test_the_sdg_answers_after_a_reset(sdg: Talk) -> None:
         ("C1:BSWV WVTP,SQUARE,FRQ,30e6", "C1:BSWV?", "FRQ", "25000000HZ"),
         ("C1:OUTP LOAD,10", "C1:OUTP?", "LOAD", "50"),
         ("C1:OUTP LOAD,50", "C1:BSWV?", "AMP", "2V"),
+        ("C1:BSWV AMP,0.002;C1:OUTP LOAD,50", "C1:BSWV?", "AMP", "0.001V"),
         ("C1:OUTP ON,LOAD,75,PLRT,INVT", "C1:OUTP?", "PLRT", "INVT"),
         ("C1:BTWV TRSR,MAN", "C1:BTWV?", "STATE", "OFF"),
         ("C1:BTWV STATE,ON,DLAY,2.4e-07S", "C1:BTWV?", "DLAY", "2.4E-07S"),

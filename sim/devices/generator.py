@@ -57,6 +57,7 @@ class GeneratorDevice(EmulatedGenerator):
 
     channels: list[Channel]
     shared_fields = tuple(setting.field for setting in SHARED_SETTINGS)
+    learns = True
     learn_first = (
         "OUTPut#:LOAD",
         "[SOURce#:]FUNCtion:ARBitrary",

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from belahil.generators import Function, TriggerSource
 from sim.devices.generator_base import EmulatedGenerator, GeneratorPort
 from sim.devices.generator_commands import (
+    LEVEL,
     ChannelCommands,
     add_apply_commands,
     add_level_commands,
@@ -28,6 +29,7 @@ from sim.devices.generator_settings import Number, Setting, Switch, Word
 from sim.devices.generators.agilent_33220_arbs import EXP_RISE, UserMemory, add_user_commands
 from sim.devices.scpi.numeric import DEGREE, PERCENT, SECOND
 from sim.devices.scpi.parameters import Choices, read_name
+from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call
 
 if TYPE_CHECKING:
@@ -105,6 +107,25 @@ class Agilent33220(EmulatedGenerator):
 
     channels: list[UserChannel]
     shared_fields = tuple(setting.field for setting in _SHARED_SETTINGS)
+    learns = True
+    learn_first = (
+        "OUTPut:LOAD",
+        "[SOURce#:]FUNCtion:USER",
+        "[SOURce#:]FUNCtion[:SHAPe]",
+        "[SOURce#:]VOLTage:UNIT",
+        "[SOURce#:]FREQuency[:CW]",
+        f"{LEVEL}[:AMPLitude]",
+        f"{LEVEL}:OFFSet",
+    )
+    learn_not = frozenset(
+        {
+            f"{LEVEL}:HIGH",
+            f"{LEVEL}:LOW",
+            "[SOURce#:]PULSe:PERiod",
+            "DISPlay:TEXT",
+            "SYSTem:COMMunicate:RLSTate",
+        }
+    )
 
     def __init__(
         self,
@@ -133,6 +154,16 @@ class Agilent33220(EmulatedGenerator):
     def reset(self) -> None:
         """Bring all settings to their defaults; waveforms in memory stay (assumed)."""
         self._set_defaults()
+
+    def bring_back(self, kept: object) -> None:
+        """Make all settings what they were; a waveform that is no more in memory is the built-in one."""
+        super().bring_back(kept)
+        (channel,) = self.channels
+        try:
+            self._memory.codes(channel.user_name)
+        except ScpiError as error:
+            channel.user_name = EXP_RISE
+            self.report(error)
 
     def _choose(self, call: Call) -> UserChannel:
         return self.channels[0]

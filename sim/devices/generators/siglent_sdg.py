@@ -56,7 +56,6 @@ class SiglentSdg(EmulatedGenerator):
 
     channels: list[SdgChannel]
     signed = False
-    learn_not = frozenset(f"C#:{word}" for word in ("OUTPut", "BSWV", "SRATE", "ARWV", "BTWV"))
 
     def __init__(
         self,

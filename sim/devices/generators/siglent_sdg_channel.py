@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from belahil.stimuli import Interpolation
 
 LEAST_VPP = 2e-3
-"""At every load setting, as measured by owners."""
+"""At every load setting, as measured by owners. A change of the load rescales what is set, as they measured
+too; that it goes below this, where the output stays as it is, is assumed."""
 _SHAPES: dict[str, Function] = {"SINE": "SIN", "ARB": "ARB", "DC": "DC"}
 _SOURCES: dict[str, TriggerSource] = {"INT": "TIM", "EXT": "EXT", "MAN": "BUS"}
 # Highest frequencies beside a sine's, as measured by owners.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Protocol
+from copy import deepcopy
+from typing import TYPE_CHECKING, Protocol, cast
 
 from belahil.values import WindowRequest
 from sim.devices.scpi import ScpiDevice
@@ -59,8 +60,12 @@ class ScopeDevice(ScpiDevice):
     -----
     A shot number that a client has written into the instrument keys the record's chance; without one the
     records are counted. What this does not model: the time that an acquisition takes, untriggered sweeps that
-    go on, other channels, measurements, and the screen.
+    go on, other channels, measurements, the screen, and ``*LRN?`` (Keysight's is a block that nobody but the
+    instrument can read, and Tektronix's tells settings that are not here).
     """
+
+    kept_fields: tuple[str, ...] = ()
+    """Settings, for ``*SAV``."""
 
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         model = front.model
@@ -72,6 +77,16 @@ class ScopeDevice(ScpiDevice):
         self._taken = 0
         self._trigger: Trigger = "generator"
         self.is_armed = False
+
+    def kept(self) -> object:
+        """Return all settings."""
+        return {name: deepcopy(getattr(self, name)) for name in self.kept_fields}
+
+    def bring_back(self, kept: object) -> None:
+        """Make all settings what they were, and stop."""
+        self.reset()
+        for name, value in cast("dict[str, object]", kept).items():
+            setattr(self, name, deepcopy(value))
 
     def shot(self) -> int | None:
         """Return the shot number that a client wrote, None without one."""

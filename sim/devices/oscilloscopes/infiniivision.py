@@ -77,6 +77,8 @@ class InfiniiVision(ScopeDevice):
         See `ScopeDevice`.
     """
 
+    kept_fields = (*dict.fromkeys(setting.field for setting in _SETTINGS), "label", "points")
+
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         super().__init__(port, front)
         self._set_defaults()

@@ -54,6 +54,11 @@ class RigolScope(ScopeDevice):
         See `ScopeDevice`.
     """
 
+    kept_fields = (
+        *(setting.field for setting in _SETTINGS),
+        *("depth", "first", "last", "spi_bits", "spi_data"),
+    )
+
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         super().__init__(port, front)
         self._set_defaults()

@@ -56,6 +56,11 @@ class SiglentScope(ScopeDevice):
         See `ScopeDevice`.
     """
 
+    kept_fields = (
+        *(setting.field for setting in (*_WORDS, *_NUMBERS)),
+        *("trigger_select", "bandwidth_limit", "depth", "setup"),
+    )
+
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         super().__init__(port, front)
         self._set_defaults()
@@ -80,6 +85,11 @@ class SiglentScope(ScopeDevice):
         """Bring all settings to their defaults and stop."""
         self.halt()
         self._set_defaults()
+
+    def bring_back(self, kept: object) -> None:
+        """Make all settings what they were, and stop."""
+        super().bring_back(kept)
+        self.trigger_mode = "STOP"
 
     def shot(self) -> int | None:
         """Return the first point of the waveform setup, where there is one."""

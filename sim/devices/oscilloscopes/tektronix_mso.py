@@ -67,6 +67,8 @@ class TektronixScope(ScopeDevice):
         See `ScopeDevice`.
     """
 
+    kept_fields = (*(setting.field for setting in _SETTINGS), "label")
+
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         super().__init__(port, front)
         self._set_defaults()

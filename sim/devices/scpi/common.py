@@ -97,7 +97,8 @@ def _add_memory(device: ScpiDevice) -> None:
     add("*RST", Action(reset))
     add("*SAV", Action(save, 1, 1))
     add("*RCL", Action(lambda call: device.bring_back(memory.state(place(call))), 1, 1))
-    add("*LRN", query=Action(lambda call: device.learn(), ends_message=True))
+    if device.learns:
+        add("*LRN", query=Action(lambda call: device.learn(), ends_message=True))
 
 
 def _add_errors(device: ScpiDevice) -> None:

@@ -56,6 +56,8 @@ class ScpiDevice:
         What time passes on; without one the device has its own.
     """
 
+    learns = False
+    """Whether it answers ``*LRN?``, which IEEE 488.2 leaves to the instrument."""
     learn_first: tuple[str, ...] = ()
     """Headers that ``*LRN?`` names before the others, since those depend on them."""
     learn_not: frozenset[str] = frozenset()
@@ -194,16 +196,11 @@ class ScpiDevice:
         return learned(self.tree, self.learn_first, self.learn_not)
 
     def kept(self) -> object:
-        """Return all settings, for `bring_back`."""
-        return self.learn()
+        """Return all settings, for `bring_back`; a device without a family has none."""
+        return None
 
     def bring_back(self, kept: object) -> None:
         """Make all settings what they were; what cannot be had any more is reported."""
-        for unit in parse(Message(str(kept))):
-            try:
-                self._run(unit, self.tree.root, [])
-            except ScpiError as error:
-                self.report(error)
 
     def execute(self, message: Message, connection: Connection) -> None:
         """Carry out a message and hand its answer, if it has one, to the connection."""

@@ -1,4 +1,4 @@
-"""All settings as one message: what ``*LRN?`` answers, and what ``*SAV`` keeps for ``*RCL``."""
+"""All settings as one message, which ``*LRN?`` answers; the places where ``*SAV`` keeps them for ``*RCL``."""
 
 from __future__ import annotations
 
