@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as stnp
 
@@ -24,6 +24,8 @@ from belahil.generators import (
 )
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus
 from sim.devices.generator import NOT_PLAYED_BIT, GeneratorDevice
+from sim.devices.generator_arbs import ArbMemory
+from sim.devices.generator_channel import Channel
 from sim.devices.generator_output import is_played
 
 BUILT_IN = r'"INT:\BUILTIN\EXP_RISE.ARB"'
@@ -343,6 +345,23 @@ def test_voltage_limits_hold_and_are_refused_inside_of_the_waveform() -> None:
     bench.send("VOLT:LIM:STAT OFF;HIGH 0.1;STAT ON")
     assert bench.ask("VOLT:LIM:STAT?") == "0"
     assert bench.errors() == [-221]
+
+
+@given(
+    load=st.floats(1.0, 1e4),
+    steps=st.lists(st.tuples(st.floats(-12.0, 12.0), st.booleans()), min_size=1, max_size=4),
+)
+@example(1.0, [(0.3, True), (-0.1, False)])
+@example(3.0, [(-9.0, False), (9.0, True)])
+def test_no_levels_at_any_load_exceed_the_largest_voltage_or_fall_below_the_least(
+    load: float, steps: list[tuple[float, bool]]
+) -> None:
+    channel = Channel(MODELS["33522B"], lambda error: None, arbs=ArbMemory(MODELS["33522B"]))
+    channel.set_load(load)
+    for volts, high in steps:
+        channel.set_level(volts, high)
+        assert abs(channel.offset_v) + channel.amplitude_vpp / 2 <= channel.peak_v * (1 + 1e-15)
+        assert channel.amplitude_vpp >= channel.least_vpp
 
 
 @pytest.mark.parametrize(

@@ -81,8 +81,8 @@ class Watched:
         amplitude = 0.0 if setting.function == "DC" else setting.amplitude_vpp
         if setting.function != "OTHER":
             assert abs(setting.offset_v) + amplitude / 2 <= self.model.max_peak_v * unit * (1 + 1e-9)
-            # Siglent's smallest number is the same at every load. A change of the load rescales what is set, as
-            # owners have measured; that 2 mVpp into no load become 1 mVpp into 50 ohm is assumed.
+            # Siglent's smallest number is the same at every load. A change of the load rescales what is set,
+            # as owners have measured; that 2 mVpp into no load become 1 mVpp into 50 ohm is assumed.
             least = self.model.min_amplitude_vpp * unit / (2 if "Siglent" in self.model.manufacturer else 1)
             assert amplitude == 0 or amplitude >= least * (1 - 1e-6)
         assert self.model.min_sine_hz <= setting.frequency_hz <= self.model.max_sine_hz

@@ -214,8 +214,8 @@ class Levels:
         if top - low < step * (1 - LIMIT_SLACK):
             low, top = (top - step, top) if high else (low, low + step)
             self.report(ScpiError(self.model.conflict_code, f"{'low' if high else 'high'} level changed"))
-        self.amplitude_vpp = round(top - low, 9)
-        # Levels on a grid of 1 nV may lie that much beyond the largest voltage at an odd load.
+        # At an odd load neither the largest voltage nor the least amplitude is on the grid of 1 nV.
+        self.amplitude_vpp = min(max(round(top - low, 9), step), max(ceiling - floor, step))
         lowest, highest = self.offset_span_v
         self.offset_v = min(max(round((top + low) / 2, 9), lowest), highest)
 
