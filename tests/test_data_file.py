@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,22 +28,29 @@ PAGE = (DOCS / "data-file.md").read_text(encoding="utf-8")
 SWEEP = ["--codes", "4,5", "--amplitudes-mvpp", "30,480", "--frequencies-mhz", "1,5,15,20,29"]
 
 
+WORDS = {
+    "characterize": SWEEP,
+    "noise": ["--codes", "4,5"],
+    "tx-delay": ["--shots", "20"],
+    "digitizer": ["--codes", "4,5", "--records", "2"],
+    "arrival-time": ["--widths", "8", "--pulse-windows", "5", "--terrain", "fractal"],
+    "rfm-parity": ["--shots", "20", "--samples", "2000", "--model-windows", "100"],
+}
+LONG = ("tx-delay", "arrival-time", "rfm-parity")
+
+
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, xarray.Dataset]:
+def run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], xarray.Dataset]:
     folder = tmp_path_factory.mktemp("data-file")
-    found = {}
-    for name, words in (
-        ("characterize", SWEEP),
-        ("noise", ["--codes", "4,5"]),
-        ("tx-delay", ["--shots", "20"]),
-        ("digitizer", ["--codes", "4,5", "--records", "2"]),
-        ("arrival-time", ["--widths", "8", "--pulse-windows", "5", "--terrain", "fractal"]),
-        ("rfm-parity", ["--shots", "20", "--samples", "2000", "--model-windows", "100"]),
-    ):
-        assert main([name, *words, "--bench", "simulated", "--out", str(folder / name), "--quiet"]) == 0
-        with xarray.open_dataset(folder / name / "data.nc") as opened:
-            found[name] = opened.load()
-    return found
+
+    @cache
+    def opened(name: str) -> xarray.Dataset:
+        out = folder / name
+        assert main([name, *WORDS[name], "--bench", "simulated", "--out", str(out), "--quiet"]) == 0
+        with xarray.open_dataset(out / "data.nc") as data:
+            return data.load()
+
+    return opened
 
 
 def told(heading: str) -> list[tuple[str, ...]]:
@@ -51,9 +60,9 @@ def told(heading: str) -> list[tuple[str, ...]]:
 
 
 @pytest.mark.parametrize(
-    "name", ["characterize", "noise", "tx-delay", "digitizer", "arrival-time", "rfm-parity"]
+    "name", [pytest.param(one, marks=[pytest.mark.slow] if one in LONG else []) for one in WORDS]
 )
-def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: str) -> None:
+def test_the_page_lists_every_variable(run: Callable[[str], xarray.Dataset], name: str) -> None:
     written = sorted(
         (
             str(variable),
@@ -61,7 +70,7 @@ def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: st
             str(values.attrs.get("units", values.encoding.get("units", "flags"))),
             str(values.attrs["long_name"]),
         )
-        for variable, values in runs[name].variables.items()
+        for variable, values in run(name).variables.items()
         if not str(variable).startswith("housekeeping_")
     )
     listed = [*told("Of every shot"), *told(f"Of `belahil {name}`")]
@@ -75,8 +84,8 @@ def test_the_page_lists_every_variable(runs: dict[str, xarray.Dataset], name: st
     assert sorted(listed) == written
 
 
-def test_points_join_their_windows(runs: dict[str, xarray.Dataset]) -> None:
-    data = runs["characterize"]
+def test_points_join_their_windows(run: Callable[[str], xarray.Dataset]) -> None:
+    data = run("characterize")
     windows = data.isel(shot=data["point_shot"].values)
     assert np.array_equal(windows["frequency_hz"], data["point_frequency_hz"])
     assert np.array_equal(windows["gain_code"], data["point_gain_code"])
@@ -85,10 +94,10 @@ def test_points_join_their_windows(runs: dict[str, xarray.Dataset]) -> None:
     assert np.array_equal(np.flatnonzero(~np.isnan(data["planned_amplitude_vpp"])), data["point_shot"])
 
 
-def test_the_statuses_are_those_of_the_page(runs: dict[str, xarray.Dataset]) -> None:
+def test_the_statuses_are_those_of_the_page(run: Callable[[str], xarray.Dataset]) -> None:
     rows = re.findall(r"^\| (\d+) \| `(\w+)` ", PAGE, re.MULTILINE)
     assert rows == [(str(number), word) for number, word in enumerate(STATUSES)]
-    status = runs["characterize"]["point_status"]
+    status = run("characterize")["point_status"]
     named = [STATUSES[number] for number in status.values]
     assert set(named) == {"ok", "clipped", "frequency_not_measurable"}  # 20 MHz is a quarter of the rate
     assert status.attrs["flag_meanings"].split() == list(STATUSES)
@@ -116,21 +125,23 @@ def keys(results: dict[str, Any]) -> set[str]:
 
 
 @pytest.mark.parametrize("name", ["characterize", "noise", "tx-delay", "digitizer"])
-def test_the_contract_names_every_key_of_the_results(runs: dict[str, xarray.Dataset], name: str) -> None:
+def test_the_contract_names_every_key_of_the_results(run: Callable[[str], xarray.Dataset], name: str) -> None:
     text = (DOCS / "architecture.md").read_text(encoding="utf-8")
     contract = text.partition(f"`{name}` fills `results` with")[2].partition("A verdict is given only")[0]
     if not contract:  # it has a page of its own
         contract = (DOCS / f"{name}.md").read_text(encoding="utf-8").partition("## Results")[2]
-    results = json.loads((Path(runs[name].encoding["source"]).parent / "summary.json").read_text())["results"]
+    results = json.loads((Path(run(name).encoding["source"]).parent / "summary.json").read_text())["results"]
     made = keys(results)
     assert len(made) >= 5
     named = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", contract))))
     assert made - named - set(STATUSES) == set()
 
 
-def test_noise_density_is_one_variable_that_integrates_to_the_noise(runs: dict[str, xarray.Dataset]) -> None:
+def test_noise_density_is_one_variable_that_integrates_to_the_noise(
+    run: Callable[[str], xarray.Dataset],
+) -> None:
     for name in ("characterize", "noise"):
-        data = runs[name]
+        data = run(name)
         density = data["noise_density"].sel(code=4)
         step = float(data["noise_frequency"].diff("noise_frequency").mean())
         # the spectrum is that of the raw windows without their mean, offsets of the converters apart

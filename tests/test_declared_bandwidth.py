@@ -64,6 +64,7 @@ def cutoff(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return measured
 
 
+@pytest.mark.slow
 def test_a_declared_output_brings_the_true_cutoff_back_with_its_uncertainty(cutoff: Any) -> None:
     # given a generator with an output of 45 MHz
     # when the bench file says nothing, says so, or says so within 2 %

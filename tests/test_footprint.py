@@ -119,6 +119,7 @@ def test_a_planned_footprint_is_as_good_as_asked_for_and_not_much_better(
                 POLES,
             ),
             id="table",
+            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -27,7 +27,7 @@ MET_WITHIN = 3.0
 @pytest.mark.parametrize(
     ("view_rad", "off_rad"), [(12.5e-6, 0.0), (30e-6, 25e-6), (247.5e-6, 240e-6), (247.5e-6, 250e-6)]
 )
-@pytest.mark.parametrize("azimuth_rad", [0.0, 0.3, math.pi / 4])
+@pytest.mark.parametrize("azimuth_rad", [0.0, 0.3, pytest.param(math.pi / 4, marks=pytest.mark.slow)])
 def test_a_field_of_view_passes_its_share_of_the_beam(
     tolerance: float, view_rad: float, off_rad: float, azimuth_rad: float
 ) -> None:

@@ -37,7 +37,7 @@ def _log(folder: Path, line: LinkName, faults: list[Fault], monkeypatch: pytest.
     return (folder / "log.txt").read_text()
 
 
-@pytest.mark.parametrize("line", ["serial", "usb"])
+@pytest.mark.parametrize("line", ["serial", pytest.param("usb", marks=pytest.mark.slow)])
 def test_the_log_tells_what_the_link_dropped(
     line: LinkName, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

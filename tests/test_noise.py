@@ -325,6 +325,7 @@ def test_a_burst_over_the_steps_of_quiet_noise_is_told_without_a_number() -> Non
 # ---- recorded windows
 
 
+@pytest.mark.slow
 def test_recorded_windows_keep_their_conditions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("bench.toml").write_text(

@@ -48,6 +48,7 @@ def results(folder: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_emulated_simulated_and_real_addresses_give_equal_results(folder: Path, tmp_path: Path) -> None:
     # given the same truth in this process, without links, and behind real addresses
     simulated = TRUTH.replace('"emulated"', '"simulated"').replace("emulated:serial", "simulated")

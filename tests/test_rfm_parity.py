@@ -272,6 +272,7 @@ def test_more_noise_than_stated_is_found_in_the_echoes_alone(products: Products)
     assert found.get("windows_agreeing", {"pass"}) == {"pass"}
 
 
+@pytest.mark.slow
 def test_what_is_uncertain_of_the_noise_makes_the_prediction_uncertain() -> None:
     # Given the same receiver with more noise, of which the noise is known to 20 % only
     noise = tuple(1.3 * one for one in BELA_GRM.noise_rms_v_by_code)
@@ -295,6 +296,7 @@ def test_what_is_uncertain_of_the_noise_makes_the_prediction_uncertain() -> None
     assert not narrow["model_interval"][0] <= narrow["measured"]["value"] <= narrow["model_interval"][1]
 
 
+@pytest.mark.slow
 def test_lost_samples_of_correlation_windows_are_counted() -> None:
     def report(finder: RangeFinder) -> Report:
         def told(window: RangeWindow, products: Products) -> RangeWindow:
@@ -629,7 +631,9 @@ FINER = 16
 """Steps in a sample interval of the slow model."""
 
 
-@pytest.mark.parametrize(("snr", "cutoff_hz", "order"), [(3.0, 19e6, 3), (5.0, 11e6, 2)])
+@pytest.mark.parametrize(
+    ("snr", "cutoff_hz", "order"), [(3.0, 19e6, 3), pytest.param(5.0, 11e6, 2, marks=pytest.mark.slow)]
+)
 def test_the_model_predicts_what_a_fine_time_grid_gives(snr: float, cutoff_hz: float, order: int) -> None:
     # Given marker and echo of 45 ns, in exact form and as a run of 16 steps a sample through SciPy's filter
     config = bench_file()

@@ -427,6 +427,7 @@ def test_equal_windows_and_too_few_have_no_scale() -> None:
     assert (single["status"], single["clock_ppm"]) == ("too_few_points", None)
 
 
+@pytest.mark.slow
 def test_two_gain_codes_are_not_mixed_and_one_can_be_named() -> None:
     config = bench_with(13, clock_ppm=-30.0)
     shots: list[Shot] = []

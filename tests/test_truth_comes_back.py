@@ -74,6 +74,7 @@ def test_an_ac_coupling_is_found_or_said_to_be_missing() -> None:
             assert abs(pull) < 3
 
 
+@pytest.mark.slow
 def test_declared_generator_errors_are_inside_the_declared_uncertainty() -> None:
     """Each declared error moves the result by its sensitivity, and the budget says by how much."""
     declared = GeneratorUncertainty(
