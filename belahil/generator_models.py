@@ -229,11 +229,16 @@ def dac_codes(relative: NDArray[np.float64], bits: int, full_code: int = FULL_CO
     ndarray of int16, shape (n,)
         -`full_code` to `full_code`.
     """
-    step = max(1, (full_code + 1) >> (bits - 1))
+    step = code_step(bits, full_code)
     top = full_code // step
     codes = np.clip(np.rint(relative * (full_code / step)), -top, top) * step
     result: NDArray[np.int16] = codes.astype(np.int16)
     return result
+
+
+def code_step(bits: int, full_code: int) -> int:
+    """Return the step of a DAC with `bits` bits, in codes of which `full_code` is half the amplitude."""
+    return max(1, (full_code + 1) >> (bits - 1))
 
 
 def whole_waveform_hz(sample_rate_hz: float, points: int, model: GeneratorModel) -> float:

@@ -24,6 +24,7 @@ from belahil.generator_models import (
     GeneratorModel,
     GeneratorSetting,
     TriggerSource,
+    code_step,
     dac_codes,
     open_circuit,
     per_50_ohm,
@@ -32,6 +33,7 @@ from belahil.generator_models import (
 )
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus, TransmittedPulse
 from belahil.uncertainty import sized
+from belahil.values import TRIGGERS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -76,14 +78,15 @@ def round_amplitude(volts: float, model: GeneratorModel, *, up: bool = False) ->
         Away from zero, for an amplitude that must cover a waveform.
     """
     rounded = float(f"{volts:.{model.amplitude_digits - 1}e}")
-    if up and rounded < volts:
+    # What an instrument plays at its full code may come out of the calculation one bit higher.
+    if up and rounded * (1 + 1e-12) < volts:
         exponent = math.floor(math.log10(rounded)) - model.amplitude_digits + 1
         rounded = float(f"{rounded + 10.0**exponent:.{model.amplitude_digits - 1}e}")
     return rounded
 
 
 def setting_for(
-    stimulus: Stimulus, model: GeneratorModel, load_ohm: float = 50.0, trigger: str = "immediate"
+    stimulus: Stimulus, model: GeneratorModel, load_ohm: float = 50.0, trigger: str = "generator"
 ) -> GeneratorSetting:
     """Turn a stimulus into the settings that play it, output on.
 
@@ -104,8 +107,14 @@ def setting_for(
     Raises
     ------
     LimitExceeded
-        The model cannot make it; or a pulse begins with a jump less than one interval after its trigger.
+        The model cannot make it, or nobody can start it so; or a pulse begins with a jump less than one
+        interval after its trigger.
     """
+    allowed = TRIGGERS[1:] if isinstance(stimulus, SampledPulse) else TRIGGERS
+    if trigger not in allowed:
+        raise LimitExceeded(
+            f"a {type(stimulus).__name__} with trigger = {trigger}: allowed: {', '.join(allowed)}"
+        )
     if isinstance(stimulus, Sine):
         return _sine_setting(stimulus, model, load_ohm)
     if isinstance(stimulus, SampledPulse):
@@ -178,13 +187,8 @@ def _pulse_setting(
             f"at most {model.max_arb_rate_hz:g} Sa/s"
         )
     volts = pulse.volts if pulse.volts[-1] == 0 else np.append(pulse.volts, 0.0)
-    peak = float(np.max(np.abs(volts)))
-    amplitude = max(
-        round_amplitude(2 * peak, model, up=True) if peak else 0.0,
-        round_amplitude(model.min_amplitude_vpp * per_50_ohm(load_ohm), model, up=True),
-    )
-    _check_volts(amplitude, 0.0, model, load_ohm)
-    codes = dac_codes(volts * (2 / amplitude), model.dac_bits, model.full_code)
+    _check_points(volts.size, model)
+    amplitude, codes = _codes(volts, model, load_ohm)
     # A burst rests at the first point of its waveform, so that point must be zero.
     jumps = int(codes[0] != 0)
     delay = _delay(pulse, jumps / rate, model)
@@ -192,10 +196,7 @@ def _pulse_setting(
         delay, waited = 0.0, round(delay * rate)
         jumps += waited
     codes = np.pad(codes, (jumps, max(0, _fewest_points(rate, model) - jumps - codes.size)))
-    if codes.size > model.max_points:
-        raise LimitExceeded(
-            f"an arbitrary waveform of {codes.size} points: {model.name} holds at most {model.max_points}"
-        )
+    _check_points(codes.size, model)
     if model.arb_played_by == "frequency":
         whole_hz = whole_waveform_hz(rate, codes.size, model)
         if codes.size * whole_hz > model.max_arb_rate_hz:
@@ -213,6 +214,39 @@ def _pulse_setting(
     )
 
 
+def _codes(
+    volts: NDArray[np.float64], model: GeneratorModel, load_ohm: float
+) -> tuple[float, NDArray[np.int16]]:
+    """Return the smallest amplitude on the grid that covers a waveform, and its codes at that amplitude.
+
+    A peak is rounded up where, rounded down, it would be covered by a smaller amplitude already: what is
+    played would come out elsewhere when it is played again.
+    """
+    peak = float(np.max(np.abs(volts)))
+    least = round_amplitude(model.min_amplitude_vpp * per_50_ohm(load_ohm), model, up=True)
+    amplitude = max(_covering(peak, model), least)
+    _check_volts(amplitude, 0.0, model, load_ohm)
+    codes = dac_codes(volts * (2 / amplitude), model.dac_bits, model.full_code)
+    played = int(np.max(np.abs(codes))) * amplitude / (2 * model.full_code)
+    if _covering(played, model) < amplitude > least:
+        highest = np.abs(volts) == peak
+        codes[highest] += (np.sign(volts[highest]) * code_step(model.dac_bits, model.full_code)).astype(
+            np.int16
+        )
+    return amplitude, codes
+
+
+def _covering(peak_v: float, model: GeneratorModel) -> float:
+    return round_amplitude(2 * peak_v, model, up=True) if peak_v else 0.0
+
+
+def _check_points(points: int, model: GeneratorModel) -> None:
+    if points > model.max_points:
+        raise LimitExceeded(
+            f"an arbitrary waveform of {points} points: {model.name} holds at most {model.max_points}"
+        )
+
+
 def _fewest_points(rate_hz: float, model: GeneratorModel) -> int:
     """Fewest points of a waveform at a rate: all of it may repeat no faster than the model can."""
     return max(model.min_points, math.ceil(rate_hz / model.max_arb_hz))
@@ -224,8 +258,10 @@ def _delay(pulse: SampledPulse, before_s: float, model: GeneratorModel) -> float
     It is on the model's grid; a model without one waits by zeros, on the grid of its points.
     """
     rate_hz = pulse.sample_rate_hz
-    delay = model.started_s(pulse.start_s - before_s, rate_hz)
     most = model.max_delay_s or model.max_points / rate_hz
+    delay = pulse.start_s - before_s
+    if abs(delay) <= 2 * most:  # what is beyond may have no number on the grid
+        delay = model.started_s(delay, rate_hz)
     if before_s and pulse.start_s >= 0 > delay:
         raise LimitExceeded(
             f"a pulse that begins with a jump to {pulse.volts[0]:.4g} V at start_s = {pulse.start_s:g}: "

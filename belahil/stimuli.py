@@ -88,6 +88,8 @@ class SampledPulse:
             raise RefusedInput(
                 f"a sampled pulse at {self.sample_rate_hz!r} samples per second: must be positive"
             )
+        if not np.isfinite(self.start_s):
+            raise RefusedInput(f"a sampled pulse that starts at {self.start_s!r} s: must be finite")
         volts.setflags(write=False)
         object.__setattr__(self, "volts", volts)
 
