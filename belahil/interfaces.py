@@ -29,7 +29,11 @@ class LinkCounts:
 
 
 class FunctionGenerator(Protocol):
-    """Plays a stimulus; all volts are volts into its ``load_ohm`` setting."""
+    """Plays a stimulus; all volts are volts into its ``load_ohm`` setting.
+
+    Opening one switches its output off. After `close` every verb but `close` raises `LinkClosed`; `identity`
+    and `limits` answer as before. `belahil.conformance.check_generator` tries all of this on any object.
+    """
 
     @property
     def identity(self) -> str:
@@ -42,30 +46,47 @@ class FunctionGenerator(Protocol):
         ...
 
     def prepare(self, stimulus: Stimulus, trigger: str) -> Stimulus:
-        """Load a stimulus and return what will really be played.
+        """Load a stimulus and return what will really be played; preparing that again changes nothing.
+
+        An output that is off stays off. One that is on may be off afterwards.
 
         Parameters
         ----------
         stimulus : Stimulus
             In volts into the load setting.
         trigger : {"immediate", "generator", "digitizer"}
-            Who will start it: it runs freely, our `trigger`, or the external input.
+            Who will start it: it runs freely, our `trigger`, or the external input. A sampled pulse cannot run
+            freely; the other stimuli are never started, whatever is named.
 
         Raises
         ------
         LimitExceeded
-            The model cannot make it; nothing was changed.
+            The model cannot make it, or it cannot be started so; nothing was changed.
+        InstrumentError
+            The instrument failed or refused; the next `prepare` works if the instrument does.
+        """
+        ...
+
+    def output(self, on: bool) -> None:
+        """Connect or disconnect the output; doing so again changes nothing.
+
+        Raises
+        ------
         InstrumentError
             The instrument failed or refused.
         """
         ...
 
-    def output(self, on: bool) -> None:
-        """Connect or disconnect the output."""
-        ...
-
     def trigger(self) -> None:
-        """Start a stimulus that was prepared with ``trigger="generator"``."""
+        """Start a stimulus that was prepared with ``trigger="generator"``, as often as wanted.
+
+        Raises
+        ------
+        InstrumentRefused
+            None waits for it.
+        LinkError
+            No proof that it was sent.
+        """
         ...
 
     def close(self) -> bool:
@@ -74,13 +95,17 @@ class FunctionGenerator(Protocol):
         Returns
         -------
         bool
-            Whether the instrument confirmed that its output is off.
+            Whether the instrument confirmed that its output is off; the same when it is closed again.
         """
         ...
 
 
 class Digitizer(Protocol):
-    """Digitizes one window at a time."""
+    """Digitizes one window at a time.
+
+    After `close` `arm` and `read` raise `LinkClosed`; `identity` and `spec` answer as before.
+    `belahil.conformance.check_digitizer` tries all of this on any object.
+    """
 
     @property
     def identity(self) -> str:
@@ -94,33 +119,51 @@ class Digitizer(Protocol):
 
     @property
     def dropped(self) -> LinkCounts:
-        """What its link dropped since it was opened."""
+        """What its link dropped since it was opened; never less than before."""
         ...
 
     def arm(self, request: WindowRequest) -> None:
-        """Ask for one window; returns when the instrument has accepted.
+        """Ask for one window, in place of any before; returns when the instrument has accepted.
+
+        The delay is rounded to whole sample intervals.
 
         Raises
         ------
+        RefusedInput
+            No instrument could, or this one's `spec` says that it cannot (`LimitExceeded`); nothing was sent.
         InstrumentRefused
             With the instrument's reason.
         LinkError
             No proof that the request arrived.
+
+        Notes
+        -----
+        After any of these nothing is armed, and the next `arm` works if the instrument does.
         """
         ...
 
     def read(self, timeout_s: float) -> RangeWindow:
-        """Return the window of the last `arm`, proved by its shot index.
+        """Return the window of the last `arm`, proved by its shot index, and only once.
+
+        Parameters
+        ----------
+        timeout_s : float
+            When no trigger comes, `LinkTimeout` is raised after this time: at most a tenth of it and half a
+            second later.
 
         Raises
         ------
         LinkTimeout, CorruptData, StaleData, LinkClosed
-            Never a wrong window.
+            Never a wrong window. Arm again before the next read.
+        InstrumentRefused
+            The instrument could not capture it, and says why.
+        InstrumentError
+            Nothing is armed; told at once.
         """
         ...
 
     def close(self) -> None:
-        """Let go of the link; never raises for a dead link."""
+        """Let go of the link; never raises, neither for a dead link nor when it is closed already."""
         ...
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from belahil.errors import InstrumentError
+from belahil.errors import InstrumentError, LinkClosed
 from belahil.grm_link import (
     Acknowledge,
     HousekeepingReport,
@@ -47,6 +47,7 @@ class GrmDigitizer:
         self._clock = clock
         self._session = GrmSession(link, clock, framing)
         self._armed: tuple[WindowRequest, int] | None = None
+        self._is_open = True
         try:
             self._spec = self._session.ask(Verb.SPEC, SpecReport).spec
         except BaseException:
@@ -80,6 +81,7 @@ class GrmDigitizer:
         LinkError
             No proof that the receiver has accepted.
         """
+        self._check_open()
         self._armed = None
         accepted = self._session.ask(Verb.ARM, Acknowledge, request)
         self._armed = request, accepted.request_id
@@ -101,6 +103,7 @@ class GrmDigitizer:
         InstrumentError
             Nothing is armed.
         """
+        self._check_open()
         if self._armed is None:
             raise InstrumentError("the receiver was asked for a window before it was armed")
         (request, request_id), self._armed = self._armed, None
@@ -111,13 +114,21 @@ class GrmDigitizer:
 
     def housekeeping(self) -> dict[str, float]:
         """Return what the receiver tells of itself now."""
+        self._check_open()
         return dict(self._session.ask(Verb.HOUSEKEEPING, HousekeepingReport).values)
 
     def close(self) -> None:
-        """Disarm the receiver and let go of the link."""
+        """Disarm the receiver and let go of the link; nothing more when it is closed again."""
+        if not self._is_open:
+            return
+        self._is_open = False
         with suppress(InstrumentError):
             self._session.send(Verb.ABORT)
         self._link.close()
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise LinkClosed("the receiver's driver was closed")
 
     def _assembled(self, request: WindowRequest, request_id: int, deadline_s: float) -> RangeWindow:
         assembler = WindowAssembler(request_id, request.shot)

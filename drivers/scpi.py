@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from belahil.interfaces import Clock, Link
 
 ANSWER_TIMEOUT_S = 2.0
-NO_ERROR = 0
+NO_ERROR, TRIGGER_IGNORED = 0, -211
 _ERRORS_AT_MOST = 64
 _READ_BYTES = 65536
 _SHOWN_BYTES = 40

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from belahil.errors import InstrumentError, InstrumentRefused, LinkTimeout
+from belahil.errors import InstrumentError, InstrumentRefused, LinkClosed, LinkTimeout
 from belahil.generators import GeneratorModel, GeneratorSetting, model_of, on_grid, setting_for
 from belahil.grm_link import Verb, read_command, telecommand
 from belahil.interfaces import LinkCounts
@@ -39,6 +39,7 @@ class SimulatedGenerator:
         self._plant = plant
         self._model = model
         self._load_ohm = load_ohm
+        self._is_open = True
         self._play(GeneratorSetting(load_ohm=load_ohm))
 
     def prepare(self, stimulus: Stimulus, trigger: str) -> Stimulus:
@@ -51,6 +52,7 @@ class SimulatedGenerator:
         InstrumentRefused
             The emulated generator cannot, though its model could.
         """
+        self._check_open()
         setting = setting_for(stimulus, self.limits, self._load_ohm, trigger)
         if setting.arb is not None and setting.arb.sample_rate_hz > self._model.max_arb_rate_hz:
             raise InstrumentRefused(
@@ -63,6 +65,7 @@ class SimulatedGenerator:
 
     def output(self, on: bool) -> None:
         """Connect or disconnect the output."""
+        self._check_open()
         self._play(replace(self._setting, output=on))
 
     def trigger(self) -> None:
@@ -73,13 +76,20 @@ class SimulatedGenerator:
         InstrumentRefused
             None does.
         """
+        self._check_open()
         if not self._plant.trigger():
             raise InstrumentRefused("trigger ignored: no stimulus waits for one", _TRIGGER_IGNORED)
 
     def close(self) -> bool:
         """Switch the output off, which is always confirmed."""
-        self.output(False)
+        if self._is_open:
+            self.output(False)
+        self._is_open = False
         return True
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise LinkClosed("the simulated generator was closed")
 
     def _play(self, setting: GeneratorSetting) -> None:
         self._setting = setting
@@ -98,6 +108,7 @@ class SimulatedDigitizer:
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
         self._shot: int | None = None
+        self._is_open = True
 
     @property
     def identity(self) -> str:
@@ -122,6 +133,7 @@ class SimulatedDigitizer:
         LimitExceeded, InstrumentRefused
             Exactly when a receiver on the GRM link would: the request takes the form that it has there.
         """
+        self._check_open()
         self._shot = None
         _, sent = read_command(telecommand(Verb.ARM, 0, request))
         assert sent is not None
@@ -139,6 +151,7 @@ class SimulatedDigitizer:
         InstrumentError
             Nothing is armed.
         """
+        self._check_open()
         if self._shot is None:
             raise InstrumentError("the receiver was asked for a window before it was armed")
         shot, self._shot = self._shot, None
@@ -150,4 +163,10 @@ class SimulatedDigitizer:
 
     def close(self) -> None:
         """Disarm the receiver."""
-        self._plant.abort()
+        if self._is_open:
+            self._plant.abort()
+        self._is_open = False
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise LinkClosed("the simulated receiver was closed")

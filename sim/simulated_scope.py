@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belahil.errors import InstrumentError, LinkTimeout
+from belahil.errors import InstrumentError, LinkClosed, LinkTimeout
 from belahil.interfaces import LinkCounts
 from belahil.oscilloscopes import ScopeRecord, check_request, setting_for, told, window_of
 
@@ -35,6 +35,7 @@ class SimulatedScope:
         self._receiver = receiver
         self._full_scale_v = receiver.full_scale_v
         self._armed: tuple[WindowRequest, ScopeSetting] | None = None
+        self._is_open = True
         self.identity = f"{receiver.model.maker},{receiver.model.name},EMULATED,0.00-emulated"
 
     @property
@@ -55,6 +56,7 @@ class SimulatedScope:
         LimitExceeded
             As the driver of an oscilloscope.
         """
+        self._check_open()
         self._armed = None
         check_request(request, self.spec)
         setting = setting_for(request, self.spec, self._receiver.model, self._full_scale_v)
@@ -71,6 +73,7 @@ class SimulatedScope:
         InstrumentError
             Nothing is armed.
         """
+        self._check_open()
         if self._armed is None:
             raise InstrumentError("the oscilloscope was asked for a window before it was armed")
         (request, setting), self._armed = self._armed, None
@@ -93,4 +96,10 @@ class SimulatedScope:
 
     def close(self) -> None:
         """Disarm the oscilloscope."""
-        self._plant.abort()
+        if self._is_open:
+            self._plant.abort()
+        self._is_open = False
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise LinkClosed("the simulated oscilloscope was closed")

@@ -21,7 +21,7 @@ from belahil.errors import (
 )
 from belahil.generators import GeneratorSetting, model_of, setting_for, stimulus_of
 from belahil.stimuli import SampledPulse, Sine
-from drivers.scpi import NO_ERROR, read_error
+from drivers.scpi import NO_ERROR, TRIGGER_IGNORED, read_error
 
 if TYPE_CHECKING:
     from belahil.generators import ArbBlock, GeneratorModel
@@ -66,6 +66,7 @@ class VerifiedGenerator:
             raise InstrumentError(str(error)) from error
         self._base = dialect.base_items(self._model, load_ohm, largest_v)
         self._verified: GeneratorSetting | None = None
+        self._closed_off: bool | None = None
         self._apply(self._silent)
 
     @property
@@ -97,6 +98,7 @@ class VerifiedGenerator:
         LinkError
             No proof that it is set.
         """
+        self._check_open()
         wanted = setting_for(stimulus, self._model, self._load_ohm, trigger)
         self._apply(replace(wanted, output=self._stays_on(wanted)))
         return stimulus_of(wanted) if isinstance(stimulus, Sine | SampledPulse) else stimulus
@@ -109,12 +111,27 @@ class VerifiedGenerator:
         InstrumentError
             As for `prepare`.
         """
+        self._check_open()
         now = self._verified or self._silent
         if self._verified is None or now.output != on:
             self._apply(replace(now, output=on))
 
     def trigger(self) -> None:
-        """Start a stimulus that was prepared with ``trigger="generator"``."""
+        """Start a stimulus that was prepared with ``trigger="generator"``.
+
+        Raises
+        ------
+        InstrumentRefused
+            None waits for it; nothing was sent.
+        LinkError
+            No proof that it was sent.
+        """
+        self._check_open()
+        now = self._verified
+        if now is None or not (now.burst and now.trigger_source == "BUS"):
+            raise InstrumentRefused(
+                f"{self._model.name}: trigger ignored: no stimulus waits for one", TRIGGER_IGNORED
+            )
         self._session.send(self._dialect.trigger)
 
     def close(self) -> bool:
@@ -123,11 +140,16 @@ class VerifiedGenerator:
         Returns
         -------
         bool
-            Whether the instrument confirmed that its output is off.
+            Whether the instrument confirmed that its output is off; the same when it is closed again.
         """
-        is_off = self._switch_off()
-        self._session.close()
-        return is_off
+        if self._closed_off is None:
+            self._closed_off = self._switch_off()
+            self._session.close()
+        return self._closed_off
+
+    def _check_open(self) -> None:
+        if self._closed_off is not None:
+            raise LinkClosed(f"{self._model.name}: the driver was closed")
 
     @property
     def _silent(self) -> GeneratorSetting:

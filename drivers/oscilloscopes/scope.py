@@ -13,7 +13,7 @@ from __future__ import annotations
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from belahil.errors import CorruptData, InstrumentError, LinkError, LinkTimeout, StaleData
+from belahil.errors import CorruptData, InstrumentError, LinkClosed, LinkError, LinkTimeout, StaleData
 from belahil.interfaces import LinkCounts
 from belahil.oscilloscopes import check_request, setting_for, window_of
 from drivers.oscilloscopes.dialect import Item, agrees
@@ -73,6 +73,7 @@ class ScopeDigitizer:
         self._full_scale_v = full_scale_v
         self._set: ScopeSetting | None = None
         self._armed: tuple[WindowRequest, ScopeSetting] | None = None
+        self._is_open = True
         self.spec = spec
 
     @property
@@ -95,6 +96,7 @@ class ScopeDigitizer:
         LinkError
             No proof that the oscilloscope is set and armed.
         """
+        self._check_open()
         self._armed = None
         check_request(request, self.spec)
         setting = setting_for(request, self.spec, self._dialect.model, self._full_scale_v)
@@ -121,6 +123,7 @@ class ScopeDigitizer:
         InstrumentError
             Nothing is armed.
         """
+        self._check_open()
         if self._armed is None:
             raise InstrumentError("the oscilloscope was asked for a window before it was armed")
         (request, setting), self._armed = self._armed, None
@@ -136,9 +139,16 @@ class ScopeDigitizer:
 
     def close(self) -> None:
         """Stop the oscilloscope and let go of the link; never raises for a dead link."""
+        if not self._is_open:
+            return
+        self._is_open = False
         with suppress(InstrumentError):
             self._session.send(self._dialect.stop)
         self._session.close()
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise LinkClosed("the oscilloscope's driver was closed")
 
     def _send(self, items: tuple[Item, ...]) -> None:
         """Set what the items say and read all of it back."""
