@@ -130,6 +130,21 @@ class Bench:
         return self._digitizer.dropped
 
     @property
+    def generator(self) -> FunctionGenerator:
+        """The generator's driver, for those who try drivers: the interlock does not stand before it."""
+        return self._generator
+
+    @property
+    def digitizer(self) -> Digitizer:
+        """The digitizer's driver, for those who try drivers."""
+        return self._digitizer
+
+    @property
+    def clock(self) -> Clock:
+        """Time of this bench, by which it settles."""
+        return self._clock
+
+    @property
     def generator_model(self) -> GeneratorModel:
         """Limits of the generator that answered."""
         return self._generator.limits

@@ -10,6 +10,7 @@ RefusedInput        2       the user asked for something that is not allowed; no
 InstrumentError     3       an instrument or a link failed; measured data are kept
 WorkerLost          3       processes or machines that compute for us are gone; finished work is kept
 StorageError        4       our own files could not be written or read back
+ConformanceFailed   1       a driver breaks what its protocol promises
 ==================  ======  =====================================================================
 """
 
@@ -114,6 +115,24 @@ class WorkerLost(BelahilError):
     """Processes or machines that compute for us are gone."""
 
     exit_status = 3
+
+
+class ConformanceFailed(BelahilError):
+    """A driver breaks what its protocol promises.
+
+    Parameters
+    ----------
+    message : str
+        One line with every rule that fails.
+    failures : sequence of object
+        The results of those rules.
+    """
+
+    exit_status = 1
+
+    def __init__(self, message: str, failures: Sequence[object] = ()) -> None:
+        super().__init__(message)
+        self.failures = tuple(failures)
 
 
 class StorageError(BelahilError):

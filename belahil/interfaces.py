@@ -55,8 +55,8 @@ class FunctionGenerator(Protocol):
         stimulus : Stimulus
             In volts into the load setting.
         trigger : {"immediate", "generator", "digitizer"}
-            Who will start it: it runs freely, our `trigger`, or the external input. A sampled pulse cannot run
-            freely; the other stimuli are never started, whatever is named.
+            Who will start it: it runs freely, our `trigger`, or the external input. A sampled pulse cannot
+            run freely; the other stimuli are never started, whatever is named.
 
         Raises
         ------

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from belahil.errors import CorruptData, InstrumentError, InstrumentRefused, LimitExceeded
+from belahil.errors import CorruptData, InstrumentError, InstrumentRefused, LimitExceeded, LinkClosed
 from belahil.generators import (
     MODELS,
     ArbBlock,
@@ -306,7 +306,13 @@ def test_closing_never_raises_and_switches_off() -> None:
     generator, _ = _opened(instrument := Instrument())
     generator.output(True)
     assert generator.close()
-    assert not generator.close()  # nobody is asked any more
+    # and says the same when it is closed again, and nothing else
+    assert generator.close()
+    sent = len(instrument.port.settings)
+    for verb in (lambda: generator.output(True), generator.trigger):
+        with pytest.raises(LinkClosed, match="the driver was closed"):
+            verb()
+    assert len(instrument.port.settings) == sent
     assert not instrument.port.settings[-1].output
 
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from belahil.errors import CorruptData
+from belahil.errors import CorruptData, InstrumentRefused
 from belahil.generators import MODELS, GeneratorSetting, family_of, setting_for, stimulus_of
 from belahil.stimuli import SampledPulse, Sine
 from drivers.generators.families import dialect_of
@@ -143,8 +143,10 @@ def test_an_afg_takes_the_trigger_of_the_bus_beside_that_of_the_connector(port: 
     driver.prepare(PULSE, "digitizer")
     driver.output(True)
     assert port.setting.trigger_source == "EXT"
-    # when it is triggered over the bus
-    driver.trigger()
+    # when it is triggered over the bus, which our driver refuses to do
+    with pytest.raises(InstrumentRefused, match="no stimulus waits"):
+        driver.trigger()
+    device.write(b"*TRG\n")
     # then the same waveform starts, and the connector is waited for again
     (started,) = port.started
     assert started.trigger_source == "BUS"
@@ -338,5 +340,5 @@ def test_an_sdg_starts_a_burst_by_hand(port: Port) -> None:
     # and not one that waits for the connector
     driver.prepare(PULSE, "digitizer")
     driver.output(True)
-    driver.trigger()
+    device.write(f"{SiglentSdgDialect.trigger}\n".encode())
     assert len(port.started) == 1
