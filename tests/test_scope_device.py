@@ -65,6 +65,8 @@ def test_no_screen_is_so_short_that_samples_come_faster_than_they_can(
         ("keysight-infiniivision", "S7", 7),
         ("keysight-infiniivision", f"S{'9' * 5000}", 999_999_999),
         ("keysight-infiniivision", "SHOT 12345", 12345),
+        ("keysight-infiniivision", "4294967295", LARGEST_SHOT),
+        ("keysight-infiniivision", "7", None),
         ("tektronix-mso", "SHOT 4294967295", LARGEST_SHOT),
         ("tektronix-mso", "SHOT 4294967296", None),
         ("tektronix-mso", f"SHOT {'9' * 5000}", None),

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from drivers.scpi import ScpiSession
 
 RUN_BIT = 1 << 3
+LABEL_CHARACTERS = 10
 TRIGGER_LEVEL_V = 1.0
 """Of the external input: between the levels of a generator's trigger output."""
 _CLIPPED_BELOW, _CLIPPED_ABOVE = 1, 0xFFFF
@@ -66,8 +67,8 @@ class InfiniiVisionDialect:
         )
 
     def mark(self, shot: int) -> Item:
-        """Return the shot as the label of the channel, which has ten characters."""
-        label = f'"S{shot}"'
+        """Return the shot as the label of the channel: of its ten characters a large shot needs all."""
+        label = f'"{f"S{shot}"[-LABEL_CHARACTERS:]}"'
         return Item(f":CHAN1:LAB {label}", ":CHAN1:LAB?", label)
 
     def forget(self, session: ScpiSession) -> None:

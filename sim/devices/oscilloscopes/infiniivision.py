@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 RUN_BIT = 1 << 3
 DIVISIONS = 8
 LONGEST_LABEL = 10
-_SHOT = re.compile(r"SHOT (\d+)|S(\d+)")
+_SHOT = re.compile(r"SHOT (\d+)|S(\d+)|(\d{10})")
 _EDGE = Choices("POSitive", "NEGative", "EITHer", "ALTernate")
 _SOURCES = Sources("EXTernal", "LINE", "WGEN")
 
@@ -110,7 +110,7 @@ class InfiniiVision(ScopeDevice):
     def shot(self) -> int | None:
         """Return the number in the label of the first channel."""
         found = _SHOT.fullmatch(self.label)
-        return shot_in(found[1] or found[2]) if found else None
+        return shot_in(found[1] or found[2] or found[3]) if found else None
 
     def view(self) -> tuple[float, float, float, float, int]:
         """Return what the screen shows: its record has as many points as are asked for."""
