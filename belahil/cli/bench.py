@@ -118,6 +118,39 @@ def check(
     return 0 if agrees else 1
 
 
+@command.command("conform", short_help="Do both drivers keep what their protocols promise?")
+@click.argument("file", required=False, metavar="[FILE|emulated|simulated|replay:FILE]")
+@click.option("--bench", metavar="FILE|emulated|simulated|replay:FILE", help="The same as FILE.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Seed of the emulation, in place of [emulation] seed.",
+)
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Record every byte of the links in this new file, for replay:FILE.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="FILE", help="Write the report as JSON in this file."
+)
+def conform(
+    file: str | None, bench: str | None, seed: int | None, record: Path | None, out: Path | None
+) -> int:
+    """Try every promise of both drivers on these instruments, and say what was seen of each.
+
+    The bench is the emulated one when FILE is left out. What is played is said first; it stays within
+    [generator] max_vpp, and the output is off afterwards.
+    Status 1 when a rule fails; 3 when an instrument does not answer or is gone.
+    """
+    from belahil.cli.bench_conform import conformed
+    from belahil.config import load_bench
+
+    return conformed(load_bench(_one_of(file, bench) or "emulated"), seed, record, out)
+
+
 @command.command("twin", short_help="Make an emulated bench of what a run measured.")
 @click.argument("run", type=click.Path(path_type=Path), metavar="RUN")
 @click.argument("file", type=click.Path(path_type=Path), default=Path("twin.toml"))

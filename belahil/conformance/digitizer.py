@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belahil.conformance.rules import NotApplicable, Rule, promised, refused, require
+from belahil.conformance.rules import NotApplicable, Rule, promised, refused, require, shown
 from belahil.conformance.stand import READ_TIMEOUT_S
 from belahil.errors import (
     InstrumentRefused,
@@ -91,7 +91,7 @@ def _asked(request: WindowRequest) -> str:
 @promised("identity is one line that stays the same")
 def _identity(tried: Receiving) -> str:
     said, again = tried.digitizer.identity, tried.digitizer.identity
-    require(bool(said.strip()) and said.isprintable() and said == again, f"{said!r}, then {again!r}")
+    require(bool(said.strip()) and said.isprintable() and said == again, f"{said!r}, then {shown(again)}")
     return said
 
 
@@ -105,7 +105,7 @@ def _spec(tried: Receiving) -> str:
         0 < len(set(told.products)) == len(told.products) and set(told.products) <= set(PRODUCTS),
         told.gain_codes is None or 0 < len(set(told.gain_codes)) == len(told.gain_codes),
     )
-    require(all(numbers), f"{told!r}")
+    require(all(numbers), f"{shown(told)}")
     return f"{told.bits} bit at {sized(told.sample_rate_hz, 'Sa/s')}, up to {told.max_sample_count} samples"
 
 
@@ -149,8 +149,8 @@ def _check_saturated(window: RangeWindow, told: DigitizerSpec) -> None:
     lowest, highest = int(window.counts.min()), int(window.counts.max())
     at = {code: int(np.count_nonzero(window.counts == code)) for code in {lowest, highest}}
     at_ends = sum(count for code, count in at.items() if code in (low, high))
-    # Some oscilloscopes keep the very last code for samples that were never taken. And who can tell leaves out
-    # what merely stands at an end: few of many, under a sine that is much too large.
+    # Some oscilloscopes keep the last code for samples that were never taken. Who can tell leaves out what
+    # merely stands at an end: few of many, under a sine that is much too large.
     near = sum(count for code, count in at.items() if code <= low + 1 or code >= high - 1)
     require(
         window.saturated <= near and (near < MANY or window.saturated >= near / 2),
@@ -208,11 +208,11 @@ def _gives_every_product(tried: Receiving) -> str:
             continue
         with_samples = products in WITH_CORRELATION_WINDOWS
         wrong = [one for one in found if bool(one.correlation_window) != with_samples]
-        require(not wrong, f"products {products}: candidates {wrong!r}")
+        require(not wrong, f"products {products}: candidates {shown(wrong)}")
         outside = [
             one for one in found if one.first_sample + len(one.correlation_window) > told.max_sample_count
         ]
-        require(not outside, f"products {products}: candidates beyond the window, {outside!r}")
+        require(not outside, f"products {products}: candidates beyond the window, {shown(outside)}")
     return ", ".join(told.products)
 
 

@@ -6,12 +6,13 @@ do not apply. Whatever lies beyond a limit is asked for while the output is off.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belahil.conformance.rules import NotApplicable, Rule, promised, refused, require
+from belahil.conformance.rules import NotApplicable, Rule, promised, refused, require, shown
 from belahil.conformance.stand import silence, tone_v
 from belahil.errors import LinkClosed
 from belahil.stimuli import NoSignal, SampledPulse, Sine, TransmittedPulse
@@ -81,7 +82,7 @@ def _output_off_at_opening(tried: GeneratorTried) -> str:
 def _identity(tried: GeneratorTried) -> str:
     said = tried.player.generator.identity
     again = tried.player.generator.identity
-    require(bool(said.strip()) and said.isprintable() and said == again, f"{said!r}, then {again!r}")
+    require(bool(said.strip()) and said.isprintable() and said == again, f"{said!r}, then {shown(again)}")
     return said
 
 
@@ -110,7 +111,7 @@ def _limits(tried: GeneratorTried) -> str:
 def _prepares_silence(tried: GeneratorTried) -> str:
     for quiet in (NoSignal(), TransmittedPulse()):
         played = tried.player.prepare(quiet)
-        require(played == quiet, f"asked for {quiet!r}, to be played is {played!r}")
+        require(played == quiet, f"asked for {shown(quiet)}, to be played is {shown(played)}")
     return "NoSignal and TransmittedPulse come back"
 
 
@@ -118,14 +119,14 @@ def _prepares_silence(tried: GeneratorTried) -> str:
 def _prepares_sines(tried: GeneratorTried) -> str:
     for asked in _sines(tried.player):
         played = tried.player.prepare(asked)
-        near = isinstance(played, Sine) and np.allclose(
-            [played.frequency_hz, played.amplitude_vpp], [asked.frequency_hz, asked.amplitude_vpp], rtol=NEAR
+        near = (
+            isinstance(played, Sine)
+            and math.isclose(played.frequency_hz, asked.frequency_hz, rel_tol=NEAR)
+            and math.isclose(played.amplitude_vpp, asked.amplitude_vpp, rel_tol=NEAR)
+            and abs(played.offset_v - asked.offset_v) <= NEAR * asked.amplitude_vpp
         )
-        require(near, f"asked for {asked!r}, to be played is {played!r}")
-        assert isinstance(played, Sine)
-        off_v = abs(played.offset_v - asked.offset_v)
-        require(off_v <= NEAR * asked.amplitude_vpp, f"asked for {asked!r}, to be played is {played!r}")
-    return f"{played!r}"
+        require(near, f"asked for {shown(asked)}, to be played is {shown(played)}")
+    return f"{len(_sines(tried.player))} sines; the last as {shown(played)}"
 
 
 @promised("prepare returns the pulse that will be played, near the one asked for")
@@ -133,9 +134,9 @@ def _prepares_pulses(tried: GeneratorTried) -> str:
     asked = tried.player.pulse()
     for trigger in ("generator", "digitizer"):
         played = tried.player.prepare(asked, trigger)
-        require(isinstance(played, SampledPulse), f"asked for a pulse, to be played is {played!r}")
+        require(isinstance(played, SampledPulse), f"asked for a pulse, to be played is {shown(played)}")
         assert isinstance(played, SampledPulse)
-        late_s = _centre_s(played) - _centre_s(asked)
+        late_s = round(_centre_s(played) - _centre_s(asked), 13)
         model = tried.player.generator.limits
         step_s = max(model.start_step_s(asked.sample_rate_hz), NEAR / asked.sample_rate_hz)
         high, due = float(np.max(played.volts)), float(np.max(asked.volts))
@@ -155,7 +156,7 @@ def _stays_on_its_grid(tried: GeneratorTried) -> str:
         trigger = "generator" if isinstance(asked, SampledPulse) else "immediate"
         played = tried.player.prepare(asked, trigger)
         again = tried.player.prepare(played, trigger)
-        require(again == played, f"{played!r} becomes {again!r} when it is prepared again")
+        require(again == played, f"{shown(played)} becomes {shown(again)} when it is prepared again")
     return f"{len(_sines(tried.player))} sines and 2 pulses come back equal"
 
 
@@ -165,7 +166,7 @@ def _takes_triggers(tried: GeneratorTried) -> str:
     for _ in range(3):
         tried.player.generator.trigger()
     played = tried.player.prepare(tried.player.pulse(), "generator")
-    require(isinstance(played, SampledPulse), f"after three triggers {played!r} is played")
+    require(isinstance(played, SampledPulse), f"after three triggers {shown(played)} is played")
     return "three"
 
 
@@ -176,7 +177,7 @@ def _output_may_be_repeated(tried: GeneratorTried) -> str:
         played = tried.player.prepare(NoSignal())
     tried.player.generator.output(False)
     tried.player.generator.output(False)
-    require(played == NoSignal(), f"0 V that are on become {played!r}")
+    require(played == NoSignal(), f"0 V that are on become {shown(played)}")
     return "on, on, off, off, off with 0 V"
 
 

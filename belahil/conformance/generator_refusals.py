@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belahil.conformance.rules import promised, refused, require
+from belahil.conformance.rules import promised, refused, require, shown
 from belahil.errors import InstrumentRefused, LimitExceeded, RefusedInput
 from belahil.stimuli import NoSignal, SampledPulse, Sine
 
@@ -104,7 +104,7 @@ def _works_after_refusal(tried: GeneratorTried) -> str:
     early = replace(pulse, start_s=-1e-6)
     refused("a start before the trigger", tried.asked(early, "generator"), LimitExceeded)
     played = tried.player.prepare(pulse, "generator")
-    require(isinstance(played, SampledPulse), f"asked for a pulse, to be played is {played!r}")
+    require(isinstance(played, SampledPulse), f"asked for a pulse, to be played is {shown(played)}")
     return "a pulse is prepared after the refusal"
 
 

@@ -177,7 +177,7 @@ def refused(asked: str, verb: Callable[[], object], *due: type[BelahilError]) ->
         return told(error)
     except Exception as error:
         raise Broken(f"{asked}: {told(error)}; due is {names}") from error
-    raise Broken(f"{asked}: accepted, {_short(answer)}; due is {names}")
+    raise Broken(f"{asked}: accepted, {shown(answer)}; due is {names}")
 
 
 def told(error: BaseException) -> str:
@@ -185,6 +185,7 @@ def told(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
-def _short(answer: object) -> str:
-    text = " ".join(repr(answer).split())
+def shown(value: object) -> str:
+    """Return what something looks like, on one line that is not long."""
+    text = " ".join(repr(value).split())
     return text if len(text) <= 120 else f"{text[:117]}..."

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from belahil.clock import SystemClock
-from belahil.conformance.rules import Broken, NotApplicable
+from belahil.conformance.rules import Broken, NotApplicable, shown
 from belahil.generator_models import per_50_ohm
 from belahil.stimuli import NoSignal, SampledPulse, Sine, largest_volts
 from belahil.uncertainty import sized
@@ -130,7 +130,7 @@ class GuardedGenerator:
     def _check(self, stimulus: Stimulus) -> None:
         span_vpp = 2 * largest_volts(stimulus)
         if not span_vpp <= self.max_vpp * (1 + 1e-9):
-            raise Broken(f"{stimulus!r} reaches {span_vpp:g} Vpp; max_vpp = {self.max_vpp:g} is allowed")
+            raise Broken(f"{shown(stimulus)} reaches {span_vpp:g} Vpp; max_vpp = {self.max_vpp:g} is allowed")
 
 
 @dataclass(slots=True)
