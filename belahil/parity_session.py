@@ -73,7 +73,7 @@ def introduced(session: RecordedSession) -> Introduced:
     with closing(RecordingReader(session.path)) as reader:
         for record, data in reader:
             if record.kind == "open" and record.error is None:
-                framings[record.link] = data.decode()
+                framings[record.link] = data.decode("ascii", "replace")
             elif record.kind == "write":
                 asked[record.link] = data
             elif record.kind == "read" and b"*IDN?" in asked.get(record.link, b""):

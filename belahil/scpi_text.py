@@ -11,7 +11,7 @@ TextDifference = Literal["text", "number", "format"]
 
 _MARK = re.compile(rb"\"[^\"]*\"|'[^']*'|#[1-9]|WAVEDATA,|[;\n]", re.IGNORECASE)
 _BLOCK = re.compile(rb"([\x20\x21\x24-\x7e]*)(#([1-9]))")
-_BARE = re.compile(rb"([\x20-\x7e]*WAVEDATA,)", re.IGNORECASE)
+_BARE = re.compile(rb"[\x20-\x7e]*?(WAVEDATA,)", re.IGNORECASE)
 _FIELD = re.compile(rb'(?:[^;"]|"[^"]*")+')
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)")
 _ERROR = re.compile(r'\s*([+-]?\d+)\s*,\s*"(.*)"\s*', re.DOTALL)
@@ -97,9 +97,9 @@ def read_field(field: bytes) -> str | Block:
     >>> read_field(b"#1 is a name")
     '#1 is a name'
     """
-    if bare := _BARE.match(field):
+    found, bare = _BLOCK.match(field), _BARE.match(field)
+    if bare and not (found and found.start(2) < bare.start(1)):
         return Block(bare[0].decode(), "", field[bare.end() :])
-    found = _BLOCK.match(field)
     size = _size(field, found.start(3)) if found else None
     if found is None or size is None:
         return field.decode("latin-1").strip()

@@ -12,11 +12,15 @@ import msgspec
 import pytest
 import scope_bench
 from faulty_bench import SCRIPT, FaultyBench, _played_by, config
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from served import served
 
 from belahil.bench import open_bench
 from belahil.cli.bench_parity import beside
+from belahil.cli.bench_parity_told import report_lines
 from belahil.cli.main import main
-from belahil.config import BenchConfig, as_toml, seeded
+from belahil.config import BenchConfig, DigitizerTable, GeneratorTable, as_toml, seeded
 from belahil.errors import LinkClosed, RefusedInput
 from belahil.generators import FAMILIES
 from belahil.grm_link import (
@@ -369,7 +373,7 @@ def test_a_recording_that_was_cut_anywhere_is_compared_as_far_as_it_goes(
 ) -> None:
     whole = serial.read_bytes()
     counts = []
-    for place in range(len(whole) - 1, 1500, -len(whole) // 23):
+    for place in range(len(whole) - 1, 1500, -len(whole) // 9):
         path = tmp_path / "cut.rec"
         path.write_bytes(whole[:place])
         parity = found(path)
@@ -439,3 +443,56 @@ def test_the_command_tells_a_table_and_writes_json(serial: Path, tmp_path: Path,
     told = capsys.readouterr().out
     assert "SOUR1:VOLT:UNIT?: text\n    recorded  VRMS\n    emulated  VPP" in told
     assert "SOUR1:VOLT:UNIT?: 1 more" in told
+
+
+# ---- what else may be in a recording
+
+
+@pytest.mark.timeout(60)
+def test_a_session_over_sockets_equals_the_emulation(tmp_path: Path) -> None:
+    # given a bench that is served over TCP, where nobody knows what was read, and whose clock is a real one
+    path = tmp_path / "served.rec"
+    with served() as (places, _):
+        bench = BenchConfig(
+            generator=GeneratorTable(address=places.address), digitizer=DigitizerTable(link=places.link)
+        )
+        recorded(path, bench)
+    parity = found(path)
+    # then all is equal, and the latencies are those of the line
+    assert read_session(path).source == "hardware"
+    assert not parity.differ
+    assert not parity.measured
+    assert min(one.recorded_s[0] for one in parity.latencies) > 10e-6
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    st.integers(1, 1000),
+    st.one_of(st.binary(max_size=50), st.just(None)),
+    st.sampled_from(["read", "write", "clear", "close", "open", None]),
+    st.sampled_from([None, ("LinkTimeout", "nobody answers")]),
+)
+def test_any_record_may_be_another_one(
+    serial: Path, place: int, data: bytes | None, kind: str | None, error: tuple[str, str] | None
+) -> None:
+    # given a recording with one record of any kind and with any bytes in it
+    path = serial.with_name("any.rec")
+    writer = RecordingWriter(path)
+    with RecordingReader(serial) as reader:
+        records = list(reader)
+    verbs = [number for number, (record, _) in enumerate(records) if record.link]
+    chosen = verbs[place % len(verbs)]
+    for number, (record, was) in enumerate(records):
+        if number == chosen:
+            changed = msgspec.structs.replace(record, kind=kind or record.kind, error=error)
+            writer.append(changed, was if data is None else data)
+        else:
+            writer.append(record, was)
+    writer.close()
+    try:
+        # then it is gone through to its end, and tells what it found
+        found_here = beside(path, None, 3)
+        assert found_here.parity.count > 0
+        assert list(report_lines(found_here))
+    finally:
+        path.unlink()

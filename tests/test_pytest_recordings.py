@@ -53,7 +53,14 @@ def test_each_test_is_recorded_and_replays_its_own(project: pytest.Pytester) -> 
     # and each test is replayed from it, in any order and by itself
     again = project.runpytest_subprocess("--bench", "replay:session", "-k", "two or 4 or none")
     again.assert_outcomes(passed=3, deselected=2)
-    # and what was not recorded says so in a line, as does what goes another way; what is marked as for
+
+
+@pytest.mark.slow
+def test_what_was_not_recorded_says_so_in_a_line(project: pytest.Pytester) -> None:
+    project.makeconftest(TINY)
+    project.makepyfile(test_gain=TESTS)
+    project.runpytest_subprocess("--belahil-record", "session").assert_outcomes(passed=5)
+    # What was not recorded says so, as does what goes another way; what is marked as for
     # instruments is replayed where there is a recording, and skipped where there is none
     changed = TESTS.replace("0.05", "0.04").replace(
         "def test_none", "@pytest.mark.hardware\n    def test_none"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from belahil.parity import Difference, Latency, Parity, Row
 
 _QUESTION, _EXAMPLE = 30, 34
-_AFTER = 5
+_AFTER = 160
 
 
 def report_lines(found: Beside) -> Iterator[str]:
@@ -112,8 +112,19 @@ def _both(row: Row, one: Difference) -> Iterator[str]:
     if one.raised_by:
         yield f"    raised by {_cut(one.raised_by, 200)}"
     if one.after:
-        left = f"{len(one.after) - _AFTER} more; " if len(one.after) > _AFTER else ""
-        yield f"    after     {left}{_cut('; '.join(one.after[-_AFTER:]), 200)}"
+        yield f"    after     {_last(one.after)}"
+
+
+def _last(after: Sequence[str]) -> str:
+    """Tell the last commands; questions only where there was nothing else."""
+    from belahil.scpi_text import header_of
+
+    units = [unit for unit in after if not header_of(unit).endswith("?")] or list(after)
+    kept: list[str] = []
+    while units and sum(map(len, kept)) + len(units[-1]) < _AFTER:
+        kept.insert(0, _cut(units.pop(), _AFTER))
+    left = [f"{len(units)} more"] if units else []
+    return "; ".join([*left, *kept])
 
 
 def _windows(parity: Parity) -> Iterator[str]:
