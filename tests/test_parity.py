@@ -365,6 +365,21 @@ def test_a_question_that_only_one_answers_is_silence(tmp_path: Path) -> None:
     assert differing(found(answered)) == [("NO:SUCH?", "silence", "42")]
 
 
+def test_a_model_that_is_not_known_is_taken_for_the_usual_one(serial: Path) -> None:
+    # given the session of a generator that belahil has never heard of, which was refused when it was opened
+    def change(record: Record, data: bytes) -> bytes | None:
+        return None if record.kind == "instruments" else data.replace(b"33522B", b"33599Z")
+
+    path = edited(serial, change)
+    told = beside(path, None, 3)
+    path.unlink()
+    # then the usual model of its family stands for it, under its name
+    assert told.emulated["generator"] == "33522B"
+    (row,) = (row for row in told.parity.rows if row.question == "*IDN?")
+    assert row.recorded.startswith("Agilent Technologies,33599Z")
+    assert not [row for row in told.parity.rows if row.differ and row.link == "generator"]
+
+
 # ---- recordings in disorder
 
 
@@ -434,6 +449,11 @@ def test_the_command_tells_a_table_and_writes_json(serial: Path, tmp_path: Path,
     written = json.loads(out.read_text())
     assert written["differ"] == 0
     assert written["compared"] == sum(row["count"] for row in written["rows"]) > 50
+    # whose keys are those that the page describes
+    page = (Path(__file__).parent.parent / "docs" / "parity.md").read_text(encoding="utf-8")
+    lists = ("rows", "windows", "latencies")
+    for key in {*written, *(key for one in lists for row in written[one] for key in row)}:
+        assert f"`{key}`" in page.partition("## The file")[2]
     # and with a difference it says what, and ends with 1
     path = edited(
         serial, lambda record, data: data.replace(b"VPP", b"VRMS") if record.kind == "read" else data
