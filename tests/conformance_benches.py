@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 from belahil.bench import Bench, open_bench
 from belahil.config import BenchConfig, parse_bench
@@ -24,10 +25,10 @@ GENERATORS = {
     "siglent-sdg": ("lan", "usb", "gpib", "socket", "hislip", "pty"),
 }
 SCOPES = {
-    "keysight-infiniivision": ("lan", "usb", "socket"),
-    "rigol-ds1000z": ("lan", "usb", "socket"),
-    "siglent-sds": ("lan", "usb", "socket"),
-    "tektronix-mso": ("lan", "usb", "socket"),
+    "keysight-infiniivision": ("lan", "usb", "socket", "hislip", "pty"),
+    "rigol-ds1000z": ("lan", "usb", "socket", "hislip", "pty"),
+    "siglent-sds": ("lan", "usb", "socket", "hislip", "pty"),
+    "tektronix-mso": ("lan", "usb", "socket", "hislip", "pty"),
 }
 RECEIVERS = {
     "bela-grm": ("serial", "usb", "socket", "pty"),
@@ -69,7 +70,7 @@ def with_scope(driver: str, transport: str) -> AbstractContextManager[Bench]:
     bench = text(digitizer=driver, receiver="analog")
     if transport in NAMES:
         return plugged(placed(bench, "emulated", "emulated:visa"), scope=NAMES[transport])
-    return far(bench, "address")
+    return far(bench, "address", {"socket": "link", "hislip": "hislip_link", "pty": "pty_link"}[transport])
 
 
 def with_receiver(receiver: str, transport: str) -> AbstractContextManager[Bench]:
@@ -96,10 +97,10 @@ def plugged(config: BenchConfig, generator: str = "", scope: str = "") -> Iterat
 
 
 @contextmanager
-def far(bench: str, address: str, link: str = "link") -> Iterator[Bench]:
+def far(bench: str, address: str, link: str = "link", record: Path | None = None) -> Iterator[Bench]:
     """Open the real drivers on a served bench; the names are those of `Served`."""
     there = bench if '"grm"' in bench else f'{bench}link = "emulated:visa"\n'
     with served(Serving(pty=True), there) as (places, _):
         config = placed(bench, getattr(places, address), getattr(places, link), "@py")
-        with open_bench(config) as opened:
+        with open_bench(config, record=record) as opened:
             yield opened

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -38,6 +39,14 @@ def conforms(bench: Bench) -> tuple[ConformanceReport, ConformanceReport]:
         report.require()
         assert {one.rule for one in report.results if one.status == "not_applicable"} <= NEVER
     return reports
+
+
+def test_no_procedure_reaches_round_the_interlock() -> None:
+    # given that a bench hands out its drivers, to those who try drivers
+    modules = (Path(__file__).parent.parent / "procedures").rglob("*.py")
+    # then no procedure takes them
+    taken = re.compile(r"\bbench\.(generator|digitizer)\b")
+    assert [path.name for path in modules if taken.search(path.read_text(encoding="utf-8"))] == []
 
 
 def test_no_driver_is_forgotten() -> None:
@@ -107,6 +116,17 @@ def test_simulated_instruments(bench: str) -> None:
 def test_recordings(tmp_path: Path, bench: str) -> None:
     link = "emulated:serial" if '"grm"' in bench else "emulated:visa"
     test_a_recorded_check_is_replayed_equal(tmp_path, bench, link.removeprefix("emulated:"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("served", ["address", "hislip_address", "pty_address"])
+def test_a_recording_over_a_network_is_replayed_equal(tmp_path: Path, served: str) -> None:
+    # given a check whose time-outs were those of this computer's clock
+    with benches.far(text(), served, record=tmp_path / "links") as bench:
+        first = conforms(bench)
+    # then the replay sees the same, at the same times
+    with open_bench(f"replay:{tmp_path / 'links'}") as bench:
+        assert conforms(bench) == first
 
 
 @pytest.mark.slow

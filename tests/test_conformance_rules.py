@@ -750,6 +750,30 @@ def test_a_generator_that_plays_more_than_it_may_is_not_switched_on() -> None:
     assert "output_switches" in {one.rule for one in tried(loud).failures}
 
 
+def test_an_output_that_stays_on_is_never_asked_for_more_than_it_may() -> None:
+    # given a generator that was left on and cannot be switched off
+    asked = []
+
+    class Stuck(Wrapped):
+        def prepare(self, stimulus: Stimulus, trigger: str) -> Stimulus:
+            asked.append(2 * largest_volts(stimulus))
+            played: Stimulus = self.inside.prepare(stimulus, trigger)
+            return played
+
+        def output(self, on: bool) -> None:
+            if not on:
+                raise LinkTimeout("no answer")
+            self.inside.output(on)
+
+    stuck = stand()
+    stuck.generator = Stuck(OnAtOpening(stuck.generator))
+    report = tried(stuck)
+    # then nothing beyond max_vpp is asked for, and the rules that would ask say why
+    assert max(asked) <= MAX_VPP
+    status = {one.rule: one.seen for one in report.failures}
+    assert status["refuses_amplitude"] == "LinkTimeout: no answer"
+
+
 @pytest.mark.parametrize("max_vpp", [0.0, -1.0, math.nan])
 def test_a_span_of_nothing_is_refused(max_vpp: float) -> None:
     there = stand()

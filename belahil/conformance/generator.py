@@ -58,8 +58,13 @@ class GeneratorTried:
         return tone_v(self.eye.settled(), self.player.sine_hz)
 
     def asked(self, stimulus: Stimulus, trigger: str = "immediate") -> Callable[[], Stimulus]:
-        """Return what asks for a stimulus that may lie beyond the limits: the output is off."""
-        return lambda: self.player.generator.prepare(stimulus, trigger)
+        """Return what asks for a stimulus that may lie beyond the limits, once the output is off.
+
+        An output that cannot be switched off ends the rule before anything is asked.
+        """
+        generator = self.player.generator
+        generator.output(False)
+        return lambda: generator.prepare(stimulus, trigger)
 
 
 def _loudest(window: RangeWindow) -> float:

@@ -199,13 +199,14 @@ def _reached_as(host: str) -> str:
 
 
 def _warm_up(config: BenchConfig) -> None:
-    """Digitize a window that nobody sees: what the first one loads must not make a client wait."""
-    # The filter of pulses loads it, which takes longer than clients wait.
+    """Digitize windows that nobody sees: what the first ones load must not make a client wait."""
+    # The filter of pulses loads it, which takes longer than clients wait; so does the search for candidates.
     import scipy.signal  # noqa: F401
 
     plant = Plant(config)
     codes = plant.spec.gain_codes
-    plant.arm(WindowRequest(0, codes[0] if codes else None))
+    for products in plant.spec.products:
+        plant.arm(WindowRequest(0, codes[0] if codes else None, products=products))
 
 
 @contextmanager
