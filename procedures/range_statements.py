@@ -50,18 +50,20 @@ def statements(results: Mapping[str, Any]) -> list[Statement]:
         is not there, or where nothing was detected, is left out.
     """
     altitude = results.get("altitude", {"cells": (), "histograms": ()})
-    highest = results.get("table", altitude)["cells"]
+    # Where both have a cell that of the table counts, which has more draws: two numbers of one quantity.
+    every = (*altitude["cells"], *results.get("table", {"cells": ()})["cells"])
     budget = results.get("budget", {"cells": ()})["cells"]
-    found = [*_shapes(altitude["histograms"]), *_in_shadow(altitude["cells"])]
+    found = [*_shapes(altitude["histograms"]), *_in_shadow(every)]
     for light in LIGHTS:
-        found += _along(_by_km(altitude["cells"], light), light)
-        found += _at_highest(_by_km(highest, light), _by_km(budget, light), light)
+        found += _by_source(_by_km(altitude["cells"], light), light)
+        found += _along(_by_km(every, light), light)
+        found += _at_highest(_by_km(every, light), _by_km(budget, light), light)
     found += _on_slopes(results.get("map", {"cells": ()})["cells"])
     return sorted(found, key=lambda one: int(one.key[1:]))
 
 
 def _by_km(cells: Iterable[Row], light: str, reflectance: float = MEAN_REFLECTANCE) -> dict[int, Row]:
-    """Return the cells with detections and the Sun at its mean distance, by altitude in km."""
+    """Return the cells with detections and the Sun at its mean distance, by altitude in km; the last."""
     wanted = (light, reflectance, "mean")
     return {
         round(one["altitude_m"] / 1e3): one
@@ -70,21 +72,25 @@ def _by_km(cells: Iterable[Row], light: str, reflectance: float = MEAN_REFLECTAN
     }
 
 
-def _along(cells: dict[int, Row], light: str) -> Iterator[Statement]:
-    """What is said of all altitudes, by day or by night."""
+def _by_source(cells: dict[int, Row], light: str) -> Iterator[Statement]:
+    """What is said of the parts of the error, by day or by night: all altitudes with as many draws."""
     if 500 in cells:
         share = _least_share(cells[500])
         told = f"least share of variance at 500 km by {light}"
         yield Statement("R1", told, "at least", _COMPARABLE, 0.0, share)
-    if {500, 1500} <= set(cells):
-        growths = [_quotient(_part(cells[1500], one), _part(cells[500], one)) for one in _SOURCES]
+    if {400, 1500} <= set(cells):
+        growths = [_quotient(_part(cells[1500], one), _part(cells[400], one)) for one in _SOURCES]
         least = min(growths, key=lambda one: one.value)
-        told = f"growth of each part from 500 to 1500 km by {light}"
+        told = f"growth of each part from 400 to 1500 km by {light}"
         yield Statement("R2", told, "at least", 1.0, 0.0, least)
     for key, km in (("R3", 800), ("R4", 1000), ("R4", 1500)):
         if km in cells:
             told = f"noise over the other parts at {km} km by {light}"
             yield Statement(key, told, "at least", 1.0, 0.0, _dominance(cells[km]))
+
+
+def _along(cells: dict[int, Row], light: str) -> Iterator[Statement]:
+    """What is said of errors and detections at single altitudes, by day or by night."""
     if 1500 in cells:
         pfd = _pfd(cells[1500])
         seen = Estimate(1.0 - pfd.value, pfd.standard_uncertainty, "1")
@@ -116,7 +122,7 @@ def _in_shadow(cells: Sequence[Row]) -> Iterator[Statement]:
 
 
 def _at_highest(cells: dict[int, Row], budget: dict[int, Row], light: str) -> Iterator[Statement]:
-    """At 1400 km: from the table, which has most draws, or else from the altitudes."""
+    """At 1400 km, with what the assumed constants leave open."""
     if 1400 not in cells:
         return
     number = LIGHTS.index(light)

@@ -65,7 +65,7 @@ def test_a_verdict_counts_rounding_and_two_uncertainties(criterion: Any, value: 
 
 def test_shares_and_quotients_by_hand() -> None:
     # given the same parts at all altitudes
-    cells = [cell(km, light) for km in (500, 800, 1000, 1500) for light in ("day", "night")]
+    cells = [cell(km, light) for km in (400, 500, 800, 1000, 1500) for light in ("day", "night")]
 
     rows = said({"altitude": {"cells": cells, "histograms": []}})
 
@@ -92,6 +92,20 @@ def test_the_table_comes_before_the_altitudes_and_the_budget_leaves_open() -> No
 
     assert plain["ours"] == open_["ours"] == seldom
     assert (plain["verdict"], open_["verdict"]) == ("differs", "open")
+
+
+@pytest.mark.parametrize(("key", "light", "reflectance"), [("R11", "day", 0.17), ("R13", "night", 0.08)])
+def test_a_quantity_that_is_computed_twice_has_one_number(key: str, light: str, reflectance: float) -> None:
+    # given 800 km in both parts, with more draws in the table
+    often, seldom = measured(0.1, 0.002, "1"), measured(0.094, 0.008, "1")
+    results = {
+        part: {"cells": [cell(800, light, reflectance, pfd=pfd)], "histograms": []}
+        for part, pfd in (("table", often), ("altitude", seldom))
+    }
+
+    (one,) = of(said(results), key)
+
+    assert one["ours"] == often
 
 
 def test_where_nothing_is_detected_nothing_is_said() -> None:
@@ -121,7 +135,7 @@ def test_the_page_says_what_a_run_says(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # given only those altitudes and slopes of which something is said
-    monkeypatch.setattr(range_parts, "STUDY_ALTITUDES_M", (500e3, 800e3, 1000e3, 1100e3, 1400e3, 1500e3))
+    monkeypatch.setattr(range_parts, "STUDY_ALTITUDES_M", [1e5 * n for n in (4, 5, 8, 10, 11, 14, 15)])
     monkeypatch.setattr(range_parts, "MAP_SLOPES_DEG", (0.0, 30.0))
     out = tmp_path / "range"
     chosen = ["--parts", "altitude,map", "--noise-windows", "1000", "--out", str(out)]
