@@ -74,7 +74,8 @@ def by_chance(chi_square: float, degrees_of_freedom: int) -> bool:
 def prefix_power(size: float, unit: str) -> int:
     """Power of ten, a multiple of three, that writes a number of this size with one to three digits.
 
-    A unit that begins with a number or a power ("1", "1e-6", "V-2") takes no prefix, nor do decibels.
+    A unit that begins with a number or a power ("1", "1e-6", "V-2") takes no prefix, nor do decibels. A
+    squared one ("V2") takes one whose square is meant, so that numbers begin at the third decimal.
 
     Examples
     --------
@@ -82,10 +83,31 @@ def prefix_power(size: float, unit: str) -> int:
     (6, -6, 0)
     >>> prefix_power(0.31e-6, "J V-1 s-1"), prefix_power(0.31e-6, "V-2")
     (-9, 0)
+    >>> prefix_power(5.96e-9, "V2"), prefix_power(999e-6, "V2"), prefix_power(1e-3, "V2")
+    (-6, -6, 0)
     """
+    if _squared(unit) and 0 < size < math.inf:
+        sixes = math.floor(math.log10(size) / 6 + 0.5 + 1e-12)
+        return 2 * min(max(3 * sixes, min(PREFIXES)), max(PREFIXES))
     if any(map(str.isdigit, unit.partition(" ")[0])) or unit == "dB" or size == 0 or not math.isfinite(size):
         return 0
     return min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), min(PREFIXES)), max(PREFIXES))
+
+
+def _squared(unit: str) -> bool:
+    first = unit.partition(" ")[0]
+    return first.endswith("2") and first[:-1].isalpha()
+
+
+def prefixed(unit: str, power: int) -> str:
+    """Write a unit with the prefix for a power of ten from `prefix_power`.
+
+    Examples
+    --------
+    >>> prefixed("V", -6), prefixed("V2", -6), prefixed("V2", 0)
+    ('µV', 'mV2', 'V2')
+    """
+    return PREFIXES[power // 2 if _squared(unit) else power] + unit
 
 
 def sized(value: float, unit: str, digits: int = 6) -> str:
@@ -104,7 +126,7 @@ def sized(value: float, unit: str, digits: int = 6) -> str:
     rounded = float(f"{value:.{digits}g}")
     within = 10.0 ** (min(PREFIXES) - 3) <= abs(rounded) < 10.0 ** (max(PREFIXES) + 3)
     power = prefix_power(rounded, unit) if within else 0
-    return f"{rounded / 10.0**power:.{digits}g} {PREFIXES[power]}{unit}"
+    return f"{rounded / 10.0**power:.{digits}g} {prefixed(unit, power)}"
 
 
 _LEAST = 1e-40

@@ -17,13 +17,13 @@ from procedures.range_figures import COLOURS
 from procedures.range_scenes import LIGHTS, MEAN_REFLECTANCE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
 
     from belahil.values import Estimate
     from procedures.energy_cells import EnergyCell
-    from procedures.energy_curves import Read
+    from procedures.energy_curves import Case, Read
 
 _OTHER = "#009E73"
 _DASHES = {"day": "-", "night": "--"}
@@ -40,10 +40,13 @@ def error_figure(cells: Sequence[EnergyCell]) -> Figure:
         "Errors of the energy of detected return pulses, the Sun at mean distance, until the probability of "
         "false detection reaches 90 %. (a) Distributions of single errors of E_G by day at slopes of 10 "
         "degrees: thick bars hold 68 % of them, thin ones 90 %, white lines are medians. (b) Rms errors of "
-        "E_G, by day and by night. (c) The same by slope at a reflectance of 0.17; thin: E_CW. Bands: two "
-        "standard uncertainties; grey lines: 30 % and 900 km."
+        "E_G, by day and by night. (c) by day and (d) by night: the same by slope at a reflectance of 0.17; "
+        "thin: E_CW. Bands: two standard uncertainties; grey lines: 30 % and 900 km."
     )
-    upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.0, 1.15))
+    rows = figure.add_gridspec(3, 2, height_ratios=(1.0, 1.0, 1.15))
+    upper = figure.add_subplot(rows[0, :])
+    middle = figure.add_subplot(rows[1, :], sharex=upper)
+    by_slope = [figure.add_subplot(rows[2, column]) for column in range(len(LIGHTS))]
     _distributions(upper, cells)
     curves = {case: row for case, row in cases(cells).items() if case.distance == "mean"}
     for case, row in curves.items():
@@ -51,29 +54,33 @@ def error_figure(cells: Sequence[EnergyCell]) -> Figure:
             label = f"{case.reflectance:g}, {case.light}"
             own = COLOURS.get(case.reflectance, _OTHER)
             _curve(middle, row, lambda one: one.error(), own, _DASHES[case.light], 1.6, label)
+    upper.set_title("(a) distributions of errors of E_G, day, 10 degrees", loc="left")
+    middle.set_title("(b) errors of E_G by reflectance, 10 degrees", loc="left")
+    for letter, light, axes in zip("cd", LIGHTS, by_slope, strict=True):
+        _slopes(axes, curves, light)
+        axes.set_title(f"({letter}) by slope, {light}, reflectance 0.17", loc="left")
+    by_slope[1].sharey(by_slope[0])
+    for axes in (middle, *by_slope):
+        _errors_axis(axes)
+        axes.set_xlabel("altitude, km")
+    by_slope[1].set_ylabel("")
+    for integral, width in _WIDTHS.items():
+        by_slope[1].plot([], [], color="0.3", lw=width, label=_NAMES[integral])
+    _legend(by_slope[1], ncols=2, loc="lower right", fontsize=9)
+    _legend(middle, ncols=2, loc="lower right", title="reflectance, light")
+    return figure
+
+
+def _slopes(axes: Axes, curves: Mapping[Case, Sequence[EnergyCell]], light: str) -> None:
+    """Errors by slope at the mean reflectance, with one light, by both integrals."""
     slopes = sorted({case.slope_deg for case in curves})
     for case, row in sorted(curves.items(), key=lambda pair: pair[0].slope_deg):
-        if case.reflectance != MEAN_REFLECTANCE:
+        if (case.reflectance, case.light) != (MEAN_REFLECTANCE, light):
             continue
         colour = colormaps["viridis"](0.9 * slopes.index(case.slope_deg) / max(1, len(slopes) - 1))
         for integral in INTEGRALS:
-            shown = integral == "gaussian" and case.light == LIGHTS[0]
-            label = f"{case.slope_deg:g} degrees" if shown else ""
-            read = _reading(integral)
-            _curve(lower, row, read, colour, _DASHES[case.light], _WIDTHS[integral], label)
-    upper.set_title("(a) distributions of errors of E_G, day, 10 degrees", loc="left")
-    middle.set_title("(b) errors of E_G by reflectance, 10 degrees", loc="left")
-    lower.set_title("(c) errors by slope, reflectance 0.17", loc="left")
-    for axes in (middle, lower):
-        _errors_axis(axes)
-    for light, style in _DASHES.items():
-        lower.plot([], [], style, color="0.3", label=light)
-    for integral, width in _WIDTHS.items():
-        lower.plot([], [], color="0.3", lw=width, label=_NAMES[integral])
-    lower.legend(frameon=False, ncols=3, loc="lower right")
-    _legend(middle, ncols=2, loc="lower right", title="reflectance, light")
-    lower.set_xlabel("altitude, km")
-    return figure
+            label = f"{case.slope_deg:g} degrees" if integral == "gaussian" else ""
+            _curve(axes, row, _reading(integral), colour, "-", _WIDTHS[integral], label)
 
 
 def _distributions(axes: Axes, cells: Sequence[EnergyCell]) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
 from procedures.range_constants import OTHER_GROUND
@@ -19,12 +20,16 @@ if TYPE_CHECKING:
 
     from belahil.values import Estimate
     from procedures.range_budget import BudgetCell, Shift
+    from procedures.range_constants import Constant
     from procedures.range_corrections import Corrected
     from procedures.range_table import Cell
 
 _DAY, _NIGHT = "#D55E00", "#0072B2"
 _LEAST_POINTS = 1.0
 """Of a probability that the axis of a panel has on either side: less is nothing to be seen."""
+_SEEN_POINTS = 0.05
+"""A panel in which nothing changes by as much is left out."""
+_ALPHAS = {"low": 0.4, "high": 1.0}
 _ROUNDING = 1e-9
 _LEAST_M = 0.01
 _COLOURS = {"day": _DAY, "night": _NIGHT}
@@ -53,29 +58,70 @@ def tornado_figure(budget: Sequence[BudgetCell]) -> Figure:
     )
     grid = figure.subplots(2, len(altitudes_m), sharey=True, squeeze=False)
     for column, altitude_m in enumerate(altitudes_m):
+        cells = [one for one in here if one.cell.altitude_m == altitude_m]
         for which in (0, 1):
             axes = grid[which, column]
-            for one in here:
-                if one.cell.altitude_m == altitude_m:
-                    _bars(axes, one, order, which)
+            if which == 1 and not any(_shows(one) for one in cells):
+                axes.set_axis_off()
+                axes.set_title(f"{altitude_m / 1e3:g} km", loc="left")
+                axes.text(0.0, 0.97, "no change", transform=axes.transAxes)
+                continue
+            for one in cells:
+                _bars(axes, one, order, which)
             axes.axvline(0.0, color="k", lw=0.8)
             axes.grid(axis="x", alpha=0.25)
             axes.set_xlabel(("change of the error, %", "change of the PFD, points")[which])
-        grid[0, column].set_title(f"{altitude_m / 1e3:g} km", loc="left")
-    labels = []
-    for k in order:
-        constant = last.shifts[k].constant
-        span = f"\n{constant.low:g} to {constant.high:g} {constant.unit}"
-        if not np.isfinite(constant.high):
-            span = f"\n{constant.low:g} {constant.unit}"
-        labels.append(constant.name + ("" if constant.name == OTHER_GROUND else span))
-    for axes in grid[:, 0]:
-        axes.set_yticks(range(len(order)), labels, fontsize=7.5)
-        axes.set_ylim(-0.7, len(order) - 0.3)
-    for axes in grid[1]:
-        low, high = axes.get_xlim()
-        axes.set_xlim(min(low, -_LEAST_POINTS), max(high, _LEAST_POINTS))
+            axes.set_title(f"{altitude_m / 1e3:g} km", loc="left")
+            if which == 1:
+                low, high = axes.get_xlim()
+                axes.set_xlim(min(low, -_LEAST_POINTS), max(high, _LEAST_POINTS))
+    labels = [_constant_text(last.shifts[k].constant) for k in order]
+    for row in grid:
+        row[0].set_yticks(range(len(order)), labels, fontsize=7.5)
+        row[0].set_ylim(-0.7, len(order) - 0.3)
+        first = next((axes for axes in row if axes.axison), row[0])
+        if first is not row[0]:
+            # They have the room of panels that are left out, and take none of the others'.
+            _beside(first, labels)
+    figure.legend(handles=_ends(), loc="outside upper center", ncols=4, frameon=False)
     return figure
+
+
+def _beside(axes: Axes, labels: Sequence[str]) -> None:
+    for place, label in enumerate(labels):
+        axes.text(
+            -0.03,
+            place,
+            label,
+            transform=axes.get_yaxis_transform(),
+            ha="right",
+            va="center",
+            fontsize=7.5,
+            in_layout=False,
+        )
+
+
+def _constant_text(constant: Constant) -> str:
+    if constant.name == OTHER_GROUND:
+        return constant.name
+    if not np.isfinite(constant.high):
+        return f"{constant.name}\n{constant.low:g} {constant.unit}"
+    return f"{constant.name}\n{constant.low:g} to {constant.high:g} {constant.unit}"
+
+
+def _ends() -> list[Patch]:
+    """What the colours of the bars mean."""
+    return [
+        Patch(color=_COLOURS[light], alpha=alpha, label=f"{light}, {end} end of the range")
+        for light in LIGHTS
+        for end, alpha in _ALPHAS.items()
+    ]
+
+
+def _shows(one: BudgetCell) -> bool:
+    """Whether any constant moves the PFD by more than nothing to be seen."""
+    points = [100 * abs(end[1].value) for shift in one.shifts for end in (shift.low, shift.high)]
+    return max(points, default=0.0) > _SEEN_POINTS
 
 
 def _moves(shift: Shift) -> bool:
@@ -86,7 +132,7 @@ def _bars(axes: Axes, one: BudgetCell, order: list[int], which: int) -> None:
     day = one.cell.condition.light == "day"
     colour, up = _COLOURS[one.cell.condition.light], 0.19 if day else -0.19
     for place, k in enumerate(order):
-        for end, alpha in ((one.shifts[k].low, 0.4), (one.shifts[k].high, 1.0)):
+        for end, alpha in zip((one.shifts[k].low, one.shifts[k].high), _ALPHAS.values(), strict=True):
             value = 100 * (np.expm1(end[0].value) if which == 0 else end[1].value)
             axes.barh(place + up, value, 0.36, color=colour, alpha=alpha)
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from procedures.roughness_results import RoughnessResults
 
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+_LABEL_PART = 0.042
+"""Of the height of a map: from one line of text to the next."""
 _WORDS = {"free": "without noise", "night": "night", "day": "day"}
 
 
@@ -186,7 +188,7 @@ def shape_figure(found: RoughnessResults) -> Figure:
         row[0].set_xlim(low, 1e1)
         row[0].set_ylabel("cumulative share, %")
         row[0].set_title(_WORDS[case], loc="left", fontsize=10)
-        row[0].legend(fontsize=8, loc="upper left" if case == "free" else "lower right")
+        row[0].legend(fontsize=8, loc="lower right")
         _map(row[1], found, case, low)
     for axes in grid[-1]:
         axes.set_xlabel("MSR, mV$^2$" if axes is grid[-1, 0] else "roughness of the ground, m", loc="left")
@@ -202,17 +204,36 @@ def _map(axes: Axes, found: RoughnessResults, case: str, low_mv2: float) -> None
     )
     axes.set_yscale("log")
     axes.set_ylim(low_mv2, 10)
-    axes.set_xlim(0, MAP_EDGES_M[np.flatnonzero(have)[-1] + 1] + 0.1 if have.any() else 1.0)
+    axes.set_xlim(0, MAP_EDGES_M[np.flatnonzero(have)[-1] + 1] + 0.15 if have.any() else 1.0)
     middles = (MAP_EDGES_M[:-1] + MAP_EDGES_M[1:]) / 2
-    for share, row in zip(CONTOURS, one.contours_v2, strict=True):
+    for row in one.contours_v2:
         axes.plot(middles, 1e6 * row, color="k", lw=1.2)
-        ends = np.flatnonzero(np.isfinite(row))
-        if ends.size:
-            axes.text(
-                middles[ends[-1]], 1e6 * row[ends[-1]], f" {100 * share:.0f} %", fontsize=8, va="center"
-            )
+    if have.any():
+        _name_contours(axes, float(MAP_EDGES_M[np.flatnonzero(have)[-1] + 1]), 1e6 * one.contours_v2)
     axes.set_ylabel("MSR, mV$^2$")
     axes.figure.colorbar(shown, ax=axes, label="cumulative share, %", pad=0.02)
+
+
+def _name_contours(axes: Axes, beside_m: float, contours_mv2: np.ndarray) -> None:
+    """Write the shares beside the map, each joined to the end of its line and none on another."""
+    decades = float(np.diff(np.log10(axes.get_ylim()))[0])
+    middles, above = (MAP_EDGES_M[:-1] + MAP_EDGES_M[1:]) / 2, -np.inf
+    lines = [
+        (share, row) for share, row in zip(CONTOURS, contours_mv2, strict=True) if np.isfinite(row).any()
+    ]
+    for share, row in sorted(lines, key=lambda line: float(line[1][np.isfinite(line[1])][-1])):
+        last = int(np.flatnonzero(np.isfinite(row))[-1])
+        end = float(np.log10(row[last]))
+        above = max(end, above + _LABEL_PART * decades)
+        joined = {"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate(
+            f"{100 * share:.0f} %",
+            (middles[last], 10.0**end),
+            (beside_m + 0.02, 10.0**above),
+            fontsize=8,
+            va="center",
+            arrowprops=joined,
+        )
 
 
 def _edges(levels: np.ndarray) -> np.ndarray:
@@ -250,7 +271,9 @@ def reach_figure(found: RoughnessResults) -> Figure:
         for level in levels:
             axes.axhline(level, color="0.4", ls=":", lw=1)
         axes.set_xlabel("altitude, km")
-        axes.legend(fontsize=8)
+        axes.plot([], [], "o-", ms=4, color="0.3", label="samples of the pulse")
+        axes.plot([], [], "--", lw=0.8, color="0.3", label="whole window")
+    single.legend(fontsize=8)
     single.set_ylabel("rough beyond smooth, %")
     single.set_title("(a) single footprints, night", loc="left", fontsize=10)
     stacked.set_ylabel("separation, standard deviations")

@@ -20,6 +20,7 @@ LABELS = {
 }
 DOTS_PER_INCH = 160
 LABEL_INCHES = 0.145  # height of the label below a figure
+SIDE_INCHES = 0.06  # beside labels of axes
 
 
 def save_figures(
@@ -66,9 +67,10 @@ def _mark(figure: Figure, label: str) -> None:
     engine = figure.get_layout_engine()
     if engine is not None and engine.get().get("rect") == (0, 0, 1, 1):
         # Else the label stands on the legend of an axis.
-        foot = LABEL_INCHES / figure.get_figheight()
-        engine.set(rect=(0, foot, 1, 1 - foot))  # type: ignore[call-arg]
-    figure.text(0.995, 0.005, label, ha="right", va="bottom", fontsize=8, color="#a00000", weight="bold")
+        foot, side = LABEL_INCHES / figure.get_figheight(), SIDE_INCHES / figure.get_figwidth()
+        engine.set(rect=(side, foot, 1 - 2 * side, 1 - foot))  # type: ignore[call-arg]
+    below = 0.2 * LABEL_INCHES / figure.get_figheight()
+    figure.text(0.995, below, label, ha="right", va="bottom", fontsize=8, color="#a00000", weight="bold")
     size = 4 * figure.get_figwidth()  # points, so that the words fill half the width
     figure.text(
         0.5, 0.5, label, ha="center", va="center", fontsize=size, rotation=24, color="#a00000", alpha=0.07

@@ -7,12 +7,22 @@ import statistics
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from belahil.uncertainty import PREFIXES, prefix_power, written
+from belahil.uncertainty import prefix_power, prefixed, written
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-SUFFIXES = {"hz": "Hz", "v": "V", "vpp": "Vpp", "s": "s", "j": "J", "ppm": "ppm", "db": "dB", "ohm": "ohm"}
+SUFFIXES = {
+    "hz": "Hz",
+    "v": "V",
+    "v2": "V2",
+    "vpp": "Vpp",
+    "s": "s",
+    "j": "J",
+    "ppm": "ppm",
+    "db": "dB",
+    "ohm": "ohm",
+}
 MISSING = "\N{EN DASH}"
 
 
@@ -120,6 +130,8 @@ def one_text(value: Any) -> str:
     --------
     >>> one_text({"value": -1e-15, "standard_uncertainty": 65e-12, "unit": "s"})
     '0(65) ps'
+    >>> one_text({"value": 5.96e-9, "standard_uncertainty": 0.4e-9, "unit": "V2"})
+    '0.00596(40) mV2'
     """
     if _is_measured(value):
         power = prefix_power(_size(value), value["unit"])
@@ -159,7 +171,8 @@ def span_text(key: str, low: float, high: float) -> str:
 
 def unit_text(unit: str, power: int) -> str:
     """Write a unit with the prefix for a power of ten; a dimensionless one is empty, 1e-6 is ppm."""
-    return {"1": "", "1e-6": "ppm"}.get(unit, f"{PREFIXES[power]}{unit}")
+    plain = {"1": "", "1e-6": "ppm"}
+    return plain[unit] if unit in plain else prefixed(unit, power)
 
 
 def _is_table(value: Any) -> bool:
