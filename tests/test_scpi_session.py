@@ -12,6 +12,7 @@ from contextlib import closing, contextmanager
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pyvisa.constants import ResourceAttribute
 
 from belahil.clock import SystemClock
 from belahil.errors import (
@@ -321,6 +322,13 @@ def test_a_slow_socket_is_a_time_out_and_a_new_connection_is_in_step(
             session.ask("A?")
         assert session.ask("A?") == ["1"]
         session.close()
+
+
+def test_a_socket_sends_each_message_at_once() -> None:
+    # A question after a command would wait for the acknowledgement of the command otherwise.
+    with _served("sound") as address, closing(VisaLink(address, "@py")) as link:
+        at_once = link._resource.get_visa_attribute(ResourceAttribute.tcpip_nodelay)
+        assert at_once
 
 
 def test_a_closed_socket_is_told_from_a_slow_one(monkeypatch: pytest.MonkeyPatch) -> None:
