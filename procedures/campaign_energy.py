@@ -54,14 +54,17 @@ def plan(options: EnergyErrorOptions) -> CampaignPlan:
 
 
 def points(options: EnergyErrorOptions) -> list[Point]:
-    """Return the points: slopes of 10 degrees with the Sun at both distances, and the others."""
+    """Return the points: slopes of 10 degrees with the Sun at both distances, and the others.
+
+    Altitude by altitude, since slopes share what lies under a beam.
+    """
     scene = base_scene()
     main = Sampling(options.echoes, options.repeats, options.sets, options.seed, options.ground)
     other = replace(main, echoes=options.slope_echoes, sets=1, seed=options.seed + _SLOPE_SEED)
     both, mean = conditions(scene, distances=tuple(DISTANCES_AU)), conditions(scene)
     found = []
-    for slope_deg in (MAIN_DEG, *(one for one in SLOPES_DEG if one != MAIN_DEG)):
-        for altitude_m in STUDY_ALTITUDES_M:
+    for altitude_m in STUDY_ALTITUDES_M:
+        for slope_deg in SLOPES_DEG:
             if slope_deg == MAIN_DEG:
                 found.append(slope_point("energy", altitude_m, slope_deg, both, main))
             else:

@@ -10,6 +10,7 @@ from belahil.outcome import Outcome, Table
 from procedures.echo_energy import INTEGRALS
 from procedures.energy_cells import CONVERSIONS, LEVELS, EnergyCell, energy_cells
 from procedures.energy_curves import cases, crossing, until_rare
+from procedures.energy_parts import MAIN_DEG, slope_of
 from procedures.energy_statements import ERROR, slope_ratios, statements
 from procedures.range_cells_told import circumstances, estimate_columns, json_or_none
 
@@ -45,7 +46,8 @@ def outcome(found: Collected, convert: Conversion) -> Outcome:
     from procedures.campaign_energy_figures import error_figure, integral_figure
 
     laws = found.laws()
-    cells = [cell for drawn in found.points for cell in energy_cells(drawn, laws, convert)]
+    by_slope = sorted(found.points, key=lambda drawn: _order(slope_of(drawn.label)))
+    cells = [cell for drawn in by_slope for cell in energy_cells(drawn, laws, convert)]
     results = {
         "calibration": {name: _fit_told(fit) for name, fit in convert.fits.items()},
         "cells": [row_of(one) for one in cells],
@@ -70,6 +72,11 @@ def outcome(found: Collected, convert: Conversion) -> Outcome:
         },
         notes=NOTES,
     )
+
+
+def _order(slope_deg: float) -> tuple[bool, float]:
+    """Slopes of 10 degrees first, which have most draws."""
+    return slope_deg != MAIN_DEG, slope_deg
 
 
 def _fit_told(fit: EnergyFit) -> dict[str, Any]:

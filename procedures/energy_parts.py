@@ -75,10 +75,13 @@ def slope_point(
 
 
 def calibration_chunks(count: int, seed: int, ground: GroundKey) -> list[Chunk]:
-    """Return the work of the calibration: `count` echoes on each terrain at each altitude and slope."""
+    """Return the work of the calibration: `count` echoes on each terrain at each altitude and slope.
+
+    Altitude by altitude, since slopes share what lies under a beam.
+    """
     chunks = []
-    for slope_deg in SLOPES_DEG:
-        for altitude_m in CALIBRATION_ALTITUDES_M:
+    for altitude_m in CALIBRATION_ALTITUDES_M:
+        for slope_deg in SLOPES_DEG:
             given = {
                 "scene": as_toml(base_scene(altitude_m)),
                 "ground": asdict(replace(ground, tilt_deg=slope_deg)),
@@ -105,13 +108,15 @@ def read_results(
     plan: CampaignPlan, results: Iterable[dict[str, NDArray[Any]]]
 ) -> tuple[Collected, Conversion]:
     """Put the results of chunks together, and calibrate."""
-    plain: list[PlainPulses] = []
+    plain: list[tuple[float, PlainPulses]] = []
     chunks: list[Chunk] = []
     others: list[dict[str, NDArray[Any]]] = []
     for chunk, result in zip(plan.chunks, results, strict=True):
         if chunk.work == _CALIBRATION_WORK:
-            plain.append(PlainPulses(**result))
+            plain.append((chunk.given["ground"]["tilt_deg"], PlainPulses(**result)))
         else:
             chunks.append(chunk)
             others.append(result)
-    return collected(replace(plan, chunks=tuple(chunks)), others), conversion(plain, base_scene())
+    # Slope by slope, whatever the order of the work: sums are rounded in their order.
+    pulses = [one for _, one in sorted(plain, key=lambda pair: pair[0])]
+    return collected(replace(plan, chunks=tuple(chunks)), others), conversion(pulses, base_scene())

@@ -9,6 +9,7 @@ import numpy as np
 
 from belahil.outcome import Outcome, Table
 from procedures.arrival_ground import ROUGHNESS_M
+from procedures.energy_parts import slope_of
 from procedures.range_cells_told import cells_table, estimate_columns, json_or_none, row_of
 from procedures.range_histograms import histograms
 from procedures.range_parts import HISTOGRAM_ALTITUDES_M
@@ -175,14 +176,15 @@ def _map(found: Collected, laws: Mapping[str, LevelLaws]) -> Part:
     from procedures.range_study_figures import map_figure
 
     slopes, rows = [], []
-    for drawn in found.of("map"):
+    by_slope = sorted(found.of("map"), key=lambda drawn: slope_of(drawn.label))
+    for drawn in by_slope:
         for one in cells(drawn, laws):
             slopes.append(float(np.mean(drawn.arrays["slope_deg"])))
             rows.append(one)
     table = cells_table(rows, "map_cell", "map_")
     columns = {**table.columns, "map_slope": (np.radians(slopes), "rad", "mean slope of the footprints")}
     told = {"cells": [{"slope_deg": slope, **row_of(one)} for slope, one in zip(slopes, rows, strict=True)]}
-    labels = [float(drawn.label.partition(" ")[0]) for drawn in found.of("map") for _ in drawn.conditions]
+    labels = [slope_of(drawn.label) for drawn in by_slope for _ in drawn.conditions]
     return told, {"map_cell": Table(columns, "map_cell")}, {"range-map": lambda: map_figure(labels, rows)}
 
 

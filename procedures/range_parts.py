@@ -158,8 +158,9 @@ def _altitude(options: RangeOptions, seed: int) -> Iterator[Point]:
 
 
 def _map(options: RangeOptions, seed: int) -> Iterator[Point]:
-    for slope_deg in MAP_SLOPES_DEG:
-        for altitude_m in STUDY_ALTITUDES_M:
+    # Altitude by altitude: slopes share what lies under a beam.
+    for altitude_m in STUDY_ALTITUDES_M:
+        for slope_deg in MAP_SLOPES_DEG:
             yield Point(
                 part="map",
                 label=f"{slope_deg:g} deg, {altitude_m / 1e3:g} km",
