@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 _MOST_TAPS, _FORGOTTEN = 96, 1e-7
+_FORGOTTEN_BY_A_STEP = 1e-17
 
 
 def frequency_response(
@@ -208,6 +209,9 @@ class SampledNoise:
         spread = solve_continuous_lyapunov(move, -np.outer(push, push))
         see = see / np.sqrt(see @ spread @ see)
         step = expm(move * (unit * sample_interval_s))
+        if unit * sample_interval_s > 1:
+            # What a pole has forgotten by the next sample; the solver's scaling overflows on it.
+            step[np.abs(step) < _FORGOTTEN_BY_A_STEP] = 0.0
         fresh = spread - step @ spread @ step.T
         # A zero next to the unit circle (an AC coupling, sampled fast) can hide from the solver; a trace of
         # white noise, far below the permitted error, moves it away.

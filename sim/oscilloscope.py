@@ -59,6 +59,16 @@ class ScopeReceiver:
         """Code of zero volts."""
         return self.model.zero_code - self.offset_v / self.full_scale_v * self.model.code_count
 
+    def prepare(self) -> None:
+        """Make ready for records at `interval_s`.
+
+        Raises
+        ------
+        RefusedInput
+            The receiver's noise cannot be computed there, see `SampledNoise`.
+        """
+        self._sampled()
+
     def window(
         self,
         stimulus: NoSignal | Sine | SampledPulse,

@@ -60,7 +60,8 @@ def emulating(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
         text=True,
     )
     try:
-        deadline = time.monotonic() + 30
+        # A busy machine has taken more than half a minute to start a process.
+        deadline = time.monotonic() + 100
         while not client.exists() and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.02)
         yield process

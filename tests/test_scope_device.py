@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from scope_bench import config, device_of
 
+from belahil.errors import RefusedInput
 from belahil.oscilloscopes import SCOPES
 from sim.build import endpoints
 from sim.devices.oscilloscopes.acquisition import LARGEST_SHOT
@@ -169,3 +170,21 @@ def test_settings_come_back_from_their_place_and_nothing_waits(
     # and none of them answers all settings at once
     ask(device, "*CLS;*LRN?")
     assert ask(device, "SYST:ERR?").startswith("-113")
+
+
+def test_a_rate_at_which_no_noise_can_be_computed_is_a_conflict(monkeypatch: pytest.MonkeyPatch) -> None:
+    # given an oscilloscope that holds a record
+    device = scope("keysight-infiniivision")
+    ask(device, ":SING")
+    assert device.record() is not None
+
+    def refuse() -> None:
+        raise RefusedInput("beyond double precision")
+
+    # when a record is to be taken for which there is no receiver
+    monkeypatch.setattr(device._front, "prepare", refuse)
+    ask(device, ":TRIG:SWE NORM;:SING")
+    # then it says so, stops, and does not wait
+    assert ask(device, "SYST:ERR?") == '-221,"Settings conflict; not emulated: beyond double precision"'
+    assert ask(device, ":OPER:COND?") == "+0"
+    assert not device.is_armed

@@ -99,6 +99,9 @@ class Watched:
         if request.trigger == "immediate":
             self.fire()
 
+    def prepare(self) -> None:
+        pass
+
     def fire(self) -> None:
         """Let the trigger come."""
         request, self._armed = self._armed, None

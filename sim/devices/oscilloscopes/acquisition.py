@@ -6,10 +6,12 @@ import re
 from copy import deepcopy
 from typing import TYPE_CHECKING, Protocol, cast
 
+from belahil.errors import RefusedInput
 from belahil.values import WindowRequest
 from sim.devices.scpi import ScpiDevice
 from sim.devices.scpi.parameters import Choices
 from sim.devices.scpi.parser import Token
+from sim.devices.scpi.status import ScpiError
 
 if TYPE_CHECKING:
     from belahil.oscilloscopes import ScopeModel
@@ -44,6 +46,16 @@ class ScopeFront(Protocol):
     full_scale_v: float
     offset_v: float
     interval_s: float
+
+    def prepare(self) -> None:
+        """Make ready for records with these settings.
+
+        Raises
+        ------
+        RefusedInput
+            No record can be computed with them.
+        """
+        ...
 
 
 class ScopeDevice(ScpiDevice):
@@ -107,11 +119,21 @@ class ScopeDevice(ScpiDevice):
         """Take notice that a record has come."""
 
     def start(self, at_once: bool = False) -> None:
-        """Wait for a trigger in place of any before, or take a record at once."""
+        """Wait for a trigger in place of any before, or take a record at once.
+
+        Raises
+        ------
+        ScpiError
+            -221 for a sample rate at which the receiver's noise cannot be computed.
+        """
         self.halt()
         full_scale_v, offset_v, interval_s, start_s, points = self.view()
         front = self._front
         front.full_scale_v, front.offset_v, front.interval_s = full_scale_v, offset_v, interval_s
+        try:
+            front.prepare()
+        except RefusedInput as error:
+            raise ScpiError(-221, f"not emulated: {error}") from error
         shot = self.shot()
         self._record, self.is_armed = None, True
         trigger: Trigger = "immediate" if at_once else "generator"
