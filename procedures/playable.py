@@ -44,6 +44,10 @@ AT_EASE_VPP = 0.1
 their manuals say, is at most 1 %."""
 _FINER = 8
 """Places in an interval at which wished and played curve are compared."""
+_OVERSHOOT = (1 + math.sqrt(3)) / 2
+"""How far points of least squares, joined by lines, reach beyond a step; beyond a rounded pulse it is less."""
+_ROUNDED = 1 - 1e-9
+"""A setting that is just allowed stays so however its decibels were reckoned."""
 _FADED = 14.0
 """Time constants after which a pole's tail is below 1e-6."""
 
@@ -129,7 +133,7 @@ def _check_not_too_large(pulse: SampledPulse, model: GeneratorModel, config: Ben
 
 def is_too_faint(pulse: SampledPulse, model: GeneratorModel, config: BenchConfig) -> bool:
     """Tell whether a pulse needs less than the smallest amplitude of a generator behind this attenuator."""
-    return _setting_vpp(largest_volts(pulse), config) < _least_vpp(model, config)
+    return _setting_vpp(largest_volts(pulse), config) < _least_vpp(model, config) * _ROUNDED
 
 
 def check_not_too_faint(pulses: Sequence[SampledPulse], model: GeneratorModel, config: BenchConfig) -> None:
@@ -184,10 +188,11 @@ def advised_attenuation_db(
     def setting_vpp(peak_v: float, pad_db: float) -> float:
         return _setting_vpp(peak_v, config) * bare * float(10 ** (pad_db / 20))
 
-    makeable = [pad for pad in PADS_DB if setting_vpp(max(peaks), pad) <= 2 * model.max_peak_v * unit]
-    at_ease = [pad for pad in makeable if setting_vpp(min(peaks), pad) >= AT_EASE_VPP * unit]
+    most_vpp = 2 * model.max_peak_v * unit / (_OVERSHOOT * _ROUNDED)
+    makeable = [pad for pad in PADS_DB if setting_vpp(max(peaks), pad) <= most_vpp]
+    at_ease = [pad for pad in makeable if setting_vpp(min(peaks), pad) >= AT_EASE_VPP * unit * _ROUNDED]
     best = at_ease[0] if at_ease else max(makeable, default=None)
-    if best is None or setting_vpp(min(peaks), best) < _least_vpp(model, config):
+    if best is None or setting_vpp(min(peaks), best) < _least_vpp(model, config) * _ROUNDED:
         return None
     return best
 

@@ -12,12 +12,12 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from belahil import butterworth
-from belahil.bench import open_bench
+from belahil.bench import open_bench, setting_per_cut_volt
 from belahil.config import BenchConfig, emulated, simulated
 from belahil.errors import LimitExceeded
-from belahil.generators import DEFAULT_MODEL, MODELS
+from belahil.generators import DEFAULT_MODEL, MODELS, per_50_ohm
 from belahil.pole_response import response
-from belahil.stimuli import SampledPulse, Sine
+from belahil.stimuli import SampledPulse, Sine, largest_volts
 from belahil.values import WindowRequest
 from procedures.playable import PADS_DB, advised_attenuation_db, is_too_faint, playable
 
@@ -154,13 +154,20 @@ def test_the_advised_attenuator_serves(
     # then it does not depend on the one that is there, and every echo can be played with it
     assert advised_db == advised_attenuation_db(peaks_v, model, bench_with(0.0, driver, load_ohm=load_ohm))
     if advised_db is None:
-        assert min(peaks_v) < 0.5e-3 * model.min_amplitude_vpp or max(peaks_v) / min(peaks_v) > 1e3
+        for pad_db in PADS_DB:
+            at = bench_with(pad_db, driver, load_ohm=load_ohm)
+            # points of least squares may reach 1.37 times as far as the pulse
+            most_v = model.max_peak_v * per_50_ohm(load_ohm) / (0.5 + 0.5 * math.sqrt(3)) * (1 - 1e-6)
+            too_large = max(peaks_v) * setting_per_cut_volt(at) > most_v
+            assert too_large or is_too_faint(bell(10.0, min(peaks_v)), model, at)
         return
     better = bench_with(advised_db, driver, load_ohm=load_ohm)
     for peak_v in peaks_v:
         pulse = bell(10.0, peak_v)
         assert not is_too_faint(pulse, model, better)
-        assert playable(pulse, model, better).full_range > 0.99
+        found = playable(pulse, model, better)
+        # its points may stay below its peak, where the smallest amplitude fits that
+        assert found.full_range > 0.99 * min(1.0, largest_volts(found.stimulus) / peak_v)
         # and without it a faint one is refused in one line that names it
         if is_too_faint(pulse, model, config):
             with pytest.raises(LimitExceeded, match="makes at least") as refused:
@@ -168,6 +175,18 @@ def test_the_advised_attenuator_serves(
             alone_db = advised_attenuation_db([peak_v], model, config)
             assert f"attenuation_db = {alone_db:g}" in str(refused.value)
             assert "\n" not in str(refused.value)
+
+
+def test_points_of_a_coarse_grid_that_overshoot_are_playable_behind_the_advised_attenuator() -> None:
+    # given a pulse so narrow that its points, 20 ns apart, reach beyond its peak
+    model = MODELS["33220A"]
+    config = bench_with(0.0, "agilent-33220")
+    pulse = bell(12.0, 4.99e-3)
+    # when 60 dB would bring its peak just to the generator's largest amplitude
+    advised_db = advised_attenuation_db([4.99e-3, 2e-5], model, config)
+    # then less is advised, and it can be played
+    assert advised_db == 50.0
+    assert playable(pulse, model, bench_with(advised_db, "agilent-33220")).full_range > 0.99
 
 
 def test_what_no_attenuator_helps_is_refused_and_says_so() -> None:
