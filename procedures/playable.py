@@ -45,7 +45,7 @@ their manuals say, is at most 1 %."""
 _FINER = 8
 """Places in an interval at which wished and played curve are compared."""
 _OVERSHOOT = (1 + math.sqrt(3)) / 2
-"""How far points of least squares, joined by lines, reach beyond a step; beyond a rounded pulse it is less."""
+"""How far points of least squares, joined by lines, reach beyond a step; less beyond a rounded pulse."""
 _ROUNDED = 1 - 1e-9
 """A setting that is just allowed stays so however its decibels were reckoned."""
 _FADED = 14.0
