@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from belahil.campaign_run import CampaignPlan
 from belahil.chunks import Chunk
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from belahil.executors import cluster_workers
-from procedures import campaign_range, campaign_terrain
+from procedures import campaign_range, campaign_terrain, range_variants
 from procedures.campaign_terrain import TerrainOptions, plan
 from procedures.range_ground import MODEL
 from sim.presets import laser_preset
@@ -111,22 +112,12 @@ def test_a_folder_in_use_is_refused_before_anything_is_planned(
 def test_a_refusal_in_a_chunk_offers_no_way_to_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
-    # given ground whose slopes only the work itself can know
-    real = campaign_range.plan
-
-    def steep(options: campaign_range.RangeOptions):  # type: ignore[no-untyped-def]
-        planned = real(options)
-        draws = next(one for one in planned.chunks if one.work.endswith(":echo_draws"))
-        ground = {"kind": "plane", "tilt_deg": 40.0}
-        return type(planned)(
-            (Chunk("steep", draws.work, {**draws.given, "ground": ground, "count": 1}),), planned.scene, 1
-        )
-
-    monkeypatch.setattr(campaign_range, "plan", steep)
-    words = ["campaign", "range", "--parts", "table", "--quiet", "--workers", "1"]
-    assert main([*words, "--out", "run"]) == 2
+    # given what only the work itself can know
+    refused = CampaignPlan((Chunk("steep", "tests.chunk_work:refuses", {}),), "", 1)
+    monkeypatch.setattr(campaign_range, "plan", lambda options: refused)
+    assert main(["campaign", "range", "--quiet", "--workers", "1", "--out", "run"]) == 2
     told = capsys.readouterr().err
-    assert "slopes of 9 to 11 deg: the footprints on this ground have 40 to 40 deg" in told
+    assert "must be above zero; in chunk steep" in told
     assert "--resume" not in told
 
 
@@ -138,7 +129,8 @@ def test_what_is_no_address_is_refused_without_the_library(address: str) -> None
         cluster_workers(address)
 
 
-def test_a_terrain_model_may_have_the_name_of_a_kind_of_ground() -> None:
+def test_a_terrain_model_may_have_the_name_of_a_kind_of_ground(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(range_variants, "flat_terrains", lambda *_: (None,))
     planned = campaign_range.plan(campaign_range.RangeOptions(("columns",), terrain="fractal"))
 
     kinds = {one.given["ground"]["kind"] for one in planned.chunks if "ground" in one.given}

@@ -132,7 +132,7 @@ def test_a_forecast_is_between_the_quickest_and_the_slowest_pace(
 def test_a_job_tells_what_is_left_by_its_kind(tmp_path: Path) -> None:
     # given two kinds of chunks, of which one is there already
     job = [Chunk(f"c{n}", "tests.chunk_work:noise", {"seed": n, "count": 2}) for n in range(3)]
-    other = Chunk("ground", "procedures.range_ground:fractal_heights", {"level": 0, "seed": 1, "hurst": 0.8})
+    other = Chunk("sum", "tests.chunk_work:sum_of_noise", {"seed": 1, "count": 2})
     run_chunks(job[:1], ChunkStore(tmp_path), ThisProcess, 1)
     told = []
     run_chunks(
@@ -142,12 +142,12 @@ def test_a_job_tells_what_is_left_by_its_kind(tmp_path: Path) -> None:
         1,
         lambda done, total, left: told.append((done, total, dict(left))),
     )
-    noise, ground = "tests.chunk_work:noise", other.work
+    noise, sums = "tests.chunk_work:noise", other.work
     assert told == [
-        (1, 4, {noise: 2, ground: 1}),
-        (2, 4, {noise: 2, ground: 0}),
-        (3, 4, {noise: 1, ground: 0}),
-        (4, 4, {noise: 0, ground: 0}),
+        (1, 4, {noise: 2, sums: 1}),
+        (2, 4, {noise: 2, sums: 0}),
+        (3, 4, {noise: 1, sums: 0}),
+        (4, 4, {noise: 0, sums: 0}),
     ]
 
 
