@@ -1,7 +1,7 @@
 """Bench files: TOML, strictly checked; every table and key may be left out.
 
-`BenchConfig` is what the file says. `receiver_truth` turns its ``[emulation]`` table, which only the
-emulation may read, into numbers without gaps.
+`BenchConfig` is what the file says; `belahil.receiver_truth` makes numbers without gaps of its
+``[emulation.receiver]``, which only the emulation may read.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from belahil import strict_toml
 from belahil.errors import ConfigError, RefusedInput
 from belahil.generators import DEFAULT_MODEL, FAMILIES, MODELS
 from belahil.oscilloscopes import SCOPES, check_scope
-from belahil.receiver import RECEIVERS, ReceiverSpec, receiver_preset
+from belahil.receiver import ReceiverSpec, receiver_preset
 from belahil.strict_toml import NotNegative, Positive, Strict
 
 Span = tuple[float, float]
@@ -363,46 +363,6 @@ def check_by_code(receiver: EmulatedReceiver, spec: ReceiverSpec, where: str) ->
 def as_toml(config: BenchConfig, *, without: tuple[str, ...] = ()) -> str:
     """Write a bench file that says every key but tables `without`; ``parse_bench`` gives the config back."""
     return strict_toml.as_text(config, without)
-
-
-class ReceiverTruth(Strict, frozen=True):
-    """``[emulation.receiver]`` without gaps, and the rates of the preset."""
-
-    cutoff_hz: float
-    order: int
-    highpass_hz: float
-    gain_by_code: tuple[float, ...]
-    noise_rms_v_by_code: tuple[float, ...]
-    small_signal: SmallSignal
-    adc_full_scale_v: float
-    adc_bits: int
-    clock_ppm: float
-    interleave: Interleave
-    input_ohm: float
-    emc_burst: EmcBurst = EmcBurst()
-
-
-def receiver_truth(config: BenchConfig) -> ReceiverTruth:
-    """Fill the gaps of ``[emulation.receiver]`` from the receiver's preset."""
-    return without_gaps(config.emulation.receiver, RECEIVERS[config.digitizer.receiver])
-
-
-def without_gaps(given: EmulatedReceiver, spec: ReceiverSpec) -> ReceiverTruth:
-    """Fill the gaps of a table of receiver keys from a receiver's preset."""
-    return ReceiverTruth(
-        cutoff_hz=given.cutoff_hz or spec.cutoff_hz,
-        order=given.order or spec.order,
-        highpass_hz=given.highpass_hz,
-        gain_by_code=given.gain_by_code or spec.gain_by_code,
-        noise_rms_v_by_code=given.noise_rms_v_by_code or spec.noise_rms_v_by_code,
-        small_signal=given.small_signal,
-        adc_full_scale_v=given.adc_full_scale_v or spec.adc_full_scale_v,
-        adc_bits=given.adc_bits or spec.digitizer.bits,
-        clock_ppm=given.clock_ppm,
-        interleave=given.interleave,
-        emc_burst=given.emc_burst,
-        input_ohm=given.input_ohm,
-    )
 
 
 def default_model_name(config: BenchConfig) -> str:

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from belahil import butterworth
-from belahil.config import EmulatedReceiver, without_gaps
+from belahil.config import EmulatedReceiver
 from belahil.pole_response import SampledNoise, autocovariance
 from belahil.receiver import BELA_GRM
+from belahil.receiver_truth import without_gaps
 from belahil.stimuli import NoSignal
 from belahil.values import WindowRequest
 from procedures.accuracy_rows import Measured, Setting

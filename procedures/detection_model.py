@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belahil.config import Interleave, ReceiverTruth, SmallSignal
+from belahil.config import Interleave, SmallSignal
 from belahil.pole_response import response
 from belahil.receiver import DigitizerSpec
+from belahil.receiver_truth import ReceiverTruth
 from belahil.values import Estimate, RangeWindow, WindowRequest
 from procedures.echo_sighting import Expectation, Sighting, sighting
 from sim.draws import Draws

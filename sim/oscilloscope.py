@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belahil.config import receiver_truth
 from belahil.oscilloscopes import SCOPES, scope_spec
 from belahil.receiver import receiver_preset
+from belahil.receiver_truth import receiver_truth
 from belahil.values import RangeWindow
 from sim.receiver_model import ReceiverModel
 

@@ -19,11 +19,12 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from belahil.config import BenchConfig, receiver_truth
+from belahil.config import BenchConfig
 from belahil.errors import InstrumentRefused
 from belahil.generators import GeneratorSetting
 from belahil.grm_link import Reason
 from belahil.receiver import receiver_preset
+from belahil.receiver_truth import receiver_truth
 from belahil.stimuli import NoSignal, SampledPulse, Sine
 from sim.draws import Draws
 from sim.generator_path import generator_path

@@ -30,8 +30,8 @@ from sim.emc_burst import FilteredBurst
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from belahil.config import ReceiverTruth
     from belahil.receiver import DigitizerSpec
+    from belahil.receiver_truth import ReceiverTruth
     from belahil.values import WindowRequest
 
 Effect = Callable[["NDArray[np.float64]", Draws], None]

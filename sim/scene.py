@@ -15,9 +15,10 @@ import msgspec
 from msgspec import Meta
 
 from belahil import strict_toml
-from belahil.config import EmulatedReceiver, ReceiverTruth, check_by_code, without_gaps
+from belahil.config import EmulatedReceiver, check_by_code
 from belahil.errors import ConfigError
 from belahil.receiver import ReceiverSpec, receiver_preset
+from belahil.receiver_truth import ReceiverTruth, without_gaps
 from belahil.strict_toml import Strict
 from sim.presets import detector_preset, laser_preset
 from sim.scene_checks import check_detector, check_laser, check_noise, check_range_finder, check_surface

@@ -479,7 +479,8 @@ def test_a_reader_who_leaves_early_is_no_error() -> None:
 
 @pytest.mark.parametrize("words", [[], ["--address", "simulated"], ["--receiver", "gala-like"]])
 def test_a_new_bench_file_says_every_default(capsys: Captured, words: list[str]) -> None:
-    from belahil.config import parse_bench, receiver_truth
+    from belahil.config import parse_bench
+    from belahil.receiver_truth import receiver_truth
 
     assert main(["bench", "new", "lab.toml", *words]) == 0
     written = parse_bench(Path("lab.toml").read_text())

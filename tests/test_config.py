@@ -6,9 +6,10 @@ import math
 
 import pytest
 
-from belahil.config import as_toml, emulated, parse_bench, receiver_truth, simulated
+from belahil.config import as_toml, emulated, parse_bench, simulated
 from belahil.errors import ConfigError
 from belahil.receiver import BELA_GRM
+from belahil.receiver_truth import receiver_truth
 
 
 def test_an_empty_file_is_the_emulated_bench() -> None:

@@ -17,6 +17,7 @@ import pytest
 from belahil import config
 from belahil.cli.main import belahil as command_line
 from belahil.cli.main import main
+from belahil.receiver_truth import receiver_truth
 from procedures import characterize, noise, rfm_parity
 from procedures.candidate_parity import Tolerances
 from sim.scene import parse_scene
@@ -131,7 +132,7 @@ def bench_file_of_the_architecture() -> str:
 def test_the_bench_file_of_the_architecture_shows_the_defaults() -> None:
     shown, default = config.parse_bench(bench_file_of_the_architecture()), config.emulated()
 
-    assert config.receiver_truth(shown) == config.receiver_truth(default)
+    assert receiver_truth(shown) == receiver_truth(default)
     same_receiver = msgspec.structs.replace(shown.emulation, receiver=default.emulation.receiver)
     assert msgspec.structs.replace(shown, emulation=same_receiver) == default
 

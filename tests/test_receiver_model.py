@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
-from belahil.config import Interleave, ReceiverTruth, SmallSignal, receiver_truth, simulated
+from belahil.config import Interleave, SmallSignal, simulated
 from belahil.errors import ConfigError
 from belahil.pole_response import SampledNoise, autocovariance
 from belahil.receiver import BELA_GRM
+from belahil.receiver_truth import ReceiverTruth, receiver_truth
 from belahil.stimuli import NoSignal, SampledPulse, Sine, Stimulus
 from belahil.values import RangeWindow, WindowRequest
 from sim import converter, receiver_model
