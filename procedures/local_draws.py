@@ -27,7 +27,7 @@ from sim.light_noise import shot_noise_density, white_step_rms_v
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from procedures.range_ground import Places
+    from procedures.range_places import Places
     from sim.chain import Chain
     from sim.draws import Draws
     from sim.rfm import RangeFinder

@@ -23,7 +23,8 @@ from procedures.echo_hits import HALF_LIGHT, corrected_m, echo_hits
 from procedures.local_draws import NEAR_SAMPLES, LocalDraws, alternating, local_draws, mismatched
 from procedures.noise_colour import autocorrelation, interval_s, own_poles, unit_noise, window_noise
 from procedures.noise_tilt import fitting_tilt, tilted_noise
-from procedures.range_ground import Places, Strips, footprints
+from procedures.range_ground import Strips
+from procedures.range_places import Places, footprints
 from procedures.range_points import fit_name
 from procedures.range_scenes import Condition, cell_scene
 from procedures.range_truth import Definitions

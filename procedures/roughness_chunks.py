@@ -17,7 +17,7 @@ from procedures.footprint_moments import described, disc, even_places
 from procedures.local_draws import local_draws
 from procedures.pulse_library import best_matches, pulse_library, timed_matches
 from procedures.range_chunks import MIDDLE_WIDTH_S, TOLERANCE, correction
-from procedures.range_ground import Places
+from procedures.range_places import Places
 from procedures.range_scenes import conditions
 from procedures.roughness_statistics import COLUMNS, ECHOES
 from procedures.study_ground import fractal, terrain_file

@@ -18,7 +18,14 @@ from belahil.chunks import work
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from belahil.values import Estimate
-from procedures import campaign_energy, campaign_reflectance, energy_parts, range_chunks, range_ground
+from procedures import (
+    campaign_energy,
+    campaign_reflectance,
+    energy_parts,
+    range_chunks,
+    range_ground,
+    range_places,
+)
 from procedures.campaign_energy import EnergyErrorOptions, plan
 from procedures.echo_energy import Conversion, PlainPulses, conversion, plain_pulses
 from procedures.echo_hits import FALSE_M, corrected_m, echo_hits
@@ -29,7 +36,8 @@ from procedures.energy_statements import statements
 from procedures.energy_statistics import Moments, moments, quantiles, ratio, worth
 from procedures.local_draws import LocalDraws, local_draws
 from procedures.noise_clusters import LevelLaws, fit_clusters
-from procedures.range_ground import GroundKey, footprints
+from procedures.range_ground import GroundKey
+from procedures.range_places import footprints
 from procedures.range_points import Drawn
 from procedures.range_scenes import Condition, base_scene, cell_scene, conditions, noise_scene
 from procedures.window_peaks import piece_peaks, refined, window_areas
@@ -472,7 +480,7 @@ def test_the_command_tells_errors_of_energies(
     monkeypatch.setattr(campaign_energy, "SLOPES_DEG", (0.0, 10.0))
     monkeypatch.setattr(energy_parts, "CALIBRATION_ALTITUDES_M", (400e3, 1000e3))
     monkeypatch.setattr(energy_parts, "SLOPES_DEG", (0.0, 20.0))
-    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+    for one in (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes):
         one.cache_clear()
     out = tmp_path / "energy"
     small = ["--echoes", "8", "--slope-echoes", "4", "--repeats", "2", "--sets", "1"]
@@ -499,7 +507,7 @@ def test_the_command_tells_errors_of_energies(
     # and going on with a finished campaign tells the same
     assert main(["campaign", "energy", "--resume", str(out)]) == 0
     assert capsys.readouterr().out == told
-    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+    for one in (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes):
         one.cache_clear()
 
 
@@ -512,7 +520,7 @@ def test_hardly_any_detection_is_told_without_numbers(
     monkeypatch.setattr(campaign_energy, "SLOPES_DEG", (10.0,))
     monkeypatch.setattr(energy_parts, "CALIBRATION_ALTITUDES_M", (400e3,))
     monkeypatch.setattr(energy_parts, "SLOPES_DEG", (0.0, 20.0))
-    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+    for one in (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes):
         one.cache_clear()
     out = tmp_path / "energy"
     least = ["--echoes", "1", "--repeats", "1", "--sets", "1", "--noise-windows", "20", "--workers", "1"]
@@ -524,5 +532,5 @@ def test_hardly_any_detection_is_told_without_numbers(
     assert {one["error"]["status"] for one in results["reach"]} == {"not_known"}
     assert results["statements"] == []
     capsys.readouterr()
-    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+    for one in (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes):
         one.cache_clear()

@@ -15,7 +15,7 @@ from msgspec import structs
 from belahil.chunks import work
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
-from procedures import energy_parts, range_ground
+from procedures import energy_parts, range_ground, range_places
 from procedures.campaign_orbit import DRIFTED, LOWERED, NOMINAL, OrbitOptions, plan
 from procedures.energy_cells import energy_cells
 from procedures.energy_parts import read_results
@@ -300,7 +300,7 @@ def two_terrains(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def forget_grounds() -> None:
-    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+    for one in (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes):
         one.cache_clear()
 
 

@@ -16,7 +16,7 @@ from belahil.campaign_run import CampaignPlan
 from belahil.chunks import ChunkStore, ThisProcess, results_of_job, run_chunks, work
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
-from procedures import range_chunks, range_ground, range_parts
+from procedures import range_chunks, range_ground, range_parts, range_places
 from procedures.arrival_gradient import VALID_SNR, fit_gradient, linear_errors
 from procedures.campaign_range import RangeOptions, plan
 from procedures.echo_hits import FALSE_M, corrected_m, echo_hits
@@ -25,17 +25,9 @@ from procedures.local_draws import LocalDraws, local_draws
 from procedures.noise_clusters import LevelLaws, NoiseClusters, fit_clusters
 from procedures.noise_colour import autocorrelation
 from procedures.noise_tilt import MOST, UNTILTED, fitting_tilt, tilted_noise
-from procedures.range_ground import (
-    GroundKey,
-    Places,
-    Strips,
-    described,
-    flat_terrains,
-    footprints,
-    places,
-    serving,
-)
+from procedures.range_ground import GroundKey, Strips, flat_terrains
 from procedures.range_histograms import EDGES, histogram, worth
+from procedures.range_places import Places, described, footprints, places, serving
 from procedures.range_points import Drawn, Point, collected
 from procedures.range_scenes import (
     DISTANCES_AU,
@@ -633,7 +625,7 @@ def test_parts_of_a_cell_share_no_shot_whatever_their_size(monkeypatch: pytest.M
 
 
 def forget_grounds() -> None:
-    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+    for one in (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes):
         one.cache_clear()
 
 

@@ -15,7 +15,7 @@ from belahil.cli.main import main
 from belahil.delay_curve import published_curve
 from belahil.errors import RefusedInput
 from belahil.values import Estimate
-from procedures import range_budget, range_ground, range_parts, range_variants
+from procedures import range_budget, range_ground, range_parts, range_places, range_variants
 from procedures.campaign_range import RangeOptions, plan
 from procedures.error_mixture import REACH_M, fit_mixture
 from procedures.noise_clusters import NoiseClusters
@@ -326,7 +326,7 @@ def test_all_parts_together_by_the_command(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(range_budget, "CONSTANTS", [one for one in CONSTANTS if one.name in few])
     out = tmp_path / "range"
     arguments = ["--parts", "altitude,budget,ladder,bias,columns", "--study-echoes", "6", "--repeats", "2"]
-    grounds = (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes)
+    grounds = (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes)
     for one in grounds:
         one.cache_clear()
 

@@ -16,7 +16,7 @@ from scipy.special import ndtr
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
 from belahil.values import Estimate
-from procedures import campaign_reflectance, energy_parts, range_chunks, range_ground
+from procedures import campaign_reflectance, energy_parts, range_chunks, range_ground, range_places
 from procedures.campaign_reflectance import ReflectanceOptions, plan
 from procedures.class_separation import Measured, shots_needed, wrong_share
 from procedures.energy_cells import energy_draws
@@ -267,7 +267,7 @@ def test_the_command_tells_what_is_separate(
     monkeypatch.setattr(campaign_reflectance, "STUDY_ALTITUDES_M", (200e3, 700e3, 900e3))
     monkeypatch.setattr(energy_parts, "CALIBRATION_ALTITUDES_M", (400e3, 1000e3))
     monkeypatch.setattr(energy_parts, "SLOPES_DEG", (0.0, 20.0))
-    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+    for one in (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes):
         one.cache_clear()
     out = tmp_path / "reflectance"
     small = ["--echoes", "40", "--repeats", "3", "--sets", "1", "--noise-windows", "30"]
@@ -288,5 +288,5 @@ def test_the_command_tells_what_is_separate(
     # and going on with a finished campaign tells the same
     assert main(["campaign", "reflectance", "--resume", str(out)]) == 0
     assert capsys.readouterr().out == told
-    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+    for one in (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes):
         one.cache_clear()

@@ -17,7 +17,8 @@ from procedures.local_draws import LocalDraws, alternating, local_draws, mismatc
 from procedures.noise_clusters import fit_clusters
 from procedures.range_chunks import correction, echo_draws, noise_peaks, whole_shots
 from procedures.range_constants import CONSTANTS, OTHER_GROUND
-from procedures.range_ground import GroundKey, footprints
+from procedures.range_ground import GroundKey
+from procedures.range_places import footprints
 from procedures.range_points import Drawn
 from procedures.range_scenes import base_scene, conditions, noise_scene
 from procedures.range_statistics import brute_cell, fast_pfd, weighted_rms

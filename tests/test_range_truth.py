@@ -15,12 +15,13 @@ import pytest
 
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
-from procedures import range_ground
+from procedures import range_ground, range_places
 from procedures.campaign_range import RangeOptions, plan
 from procedures.echo_hits import HALF_LIGHT
 from procedures.footprint_planes import EDGE, footprint_planes
 from procedures.range_chunks import echo_draws, whole_shots
-from procedures.range_ground import GroundKey, Strips, described, footprints, places, serving
+from procedures.range_ground import GroundKey, Strips
+from procedures.range_places import described, footprints, places, serving
 from procedures.range_scenes import Condition, base_scene
 from procedures.range_truth import TRUTHS, Definitions
 from sim.draws import Draws
@@ -47,7 +48,7 @@ def relief(kind: str) -> Grid:
 def one_fractal(monkeypatch: pytest.MonkeyPatch) -> None:
     """The smoothest fractal in the place of eleven."""
     monkeypatch.setattr(range_ground, "LEVELS", 1)
-    for one in (range_ground.flat_terrains, range_ground.strips, range_ground._flat_planes):
+    for one in (range_ground.flat_terrains, range_ground.strips, range_places._flat_planes):
         one.cache_clear()
 
 
