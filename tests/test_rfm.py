@@ -120,9 +120,9 @@ def test_compiled_and_plain_loops_find_the_same_in_pieces(interval_s: float, row
 @pytest.mark.parametrize("centre", [0.0, 0.49, 13.5, 20.3, 41.0])
 @pytest.mark.parametrize("width", [0.7, 1.4, 4.0, 19.0])
 def test_a_gaussian_from_neighbour_to_neighbour_is_that_of_its_formula(centre: float, width: float) -> None:
-    compiled_rfm = pytest.importorskip("sim.compiled_rfm")
+    compiled_refine = pytest.importorskip("sim.compiled_refine")
     scale, bell = np.sqrt(8 * np.log(2)) / width, np.empty(42)
-    compiled_rfm._bell(centre, scale, bell)
+    compiled_refine._bell(centre, scale, bell)
     q = (np.arange(42) - centre) * scale
     with np.errstate(under="ignore"):
         expected = np.exp(-0.5 * q * q)
