@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+import pyvisa
 
 from belahil.generators import MODELS, GeneratorSetting, stimulus_of
 from belahil.stimuli import SampledPulse, Sine
@@ -282,3 +284,70 @@ def test_a_trigger_may_be_named_by_its_source(client: Any) -> None:
     assert settings.count(":TRIG1:SOUR BUS") == 1
     assert "SOUR1:TRIG" not in settings
     assert "SOUR1:OUTP" not in settings
+
+
+def asked(client: Any, *pairs: tuple[str, str]) -> None:
+    """Set each and read it back."""
+    for header, value in pairs:
+        client.write(f"{header} {value}")
+        assert client.ask(f"{header}?").strip().lstrip("+") == value, header
+    assert client.check_errors() == []
+
+
+def test_modulations_are_remembered(client: Any, port: Port) -> None:
+    # as Instro sets them
+    asked(
+        client,
+        ("AM:SOUR", "EXT"),
+        ("AM:INT:FUNC", "SQU"),
+        ("FM:INT:FUNC", "RAMP"),
+        ("PM:INT:FUNC", "SIN"),
+        ("FSK:SOUR", "INT"),
+        ("BPSK:SOUR", "EXT"),
+    )
+    for header in ("AM:INT:FREQ", "AM:DEPT", "FM:DEV", "PM:DEV", "PWM:DEV", "FSK:INT:RATE", "FSK:FREQ"):
+        client.write(f"SOUR2:{header} 12")
+        assert float(client.ask(f"SOUR2:{header}?")) == 12
+    assert client.check_errors() == []
+    # and are kept and brought back, and in the list of all settings
+    client.write("BPSK 90;*SAV 1;:BPSK 45;*RCL 1")
+    assert float(client.ask("BPSK:PHAS?")) == 90
+    assert re.search(r":SOUR2:FM\S* \+1\.20*E\+01;", client.ask("*LRN?"))
+    # and one that is on plays nothing
+    client.write("OUTP ON")
+    assert stimulus_of(port.setting) is not None
+    client.write("AM:STAT ON")
+    assert client.check_errors()[0][0] == 901
+    client.write("AM:STAT OFF")
+
+
+def test_a_dg1062z_tells_what_a_burst_leaves(port: Port) -> None:
+    # as QCoDeS asks
+    library = EmulatedVisa(PlantClock()).plug(NAME, generator_device(MODELS["DG1062Z"], port))
+    line: Any = pyvisa.ResourceManager(library).open_resource(
+        NAME, read_termination="\n", write_termination="\n"
+    )
+    for header, value in (("SOUR1:BURST:IDLE", "CENTER"), ("OUTPUT2:GAT:POL", "NEGATIVE")):
+        line.write(f":{header} {value}")
+        assert line.query(f":{header}?") == value
+    assert line.query("SYST:ERR?").startswith("0,")
+
+
+def test_modulations_of_an_afg_are_remembered(client_afg: Any, port: Port) -> None:
+    # as QCoDeS sets them
+    asked(
+        client_afg,
+        ("SOURce2:AM:SOURce", "EXT"),
+        ("SOURce1:FM:INTernal:FUNCtion", "TRI"),
+        ("SOURce1:FSKey:STATe", "0"),
+        ("SOURce1:SWEep:SPACing", "LOG"),
+        ("SOURce1:FREQuency:CONCurrent", "1"),
+    )
+    for header in ("AM:DEPTh 20PCT", "FREQuency:STARt 2000Hz", "SWEep:TIME 0.02s", "PULSe:WIDTh 2E-6s"):
+        client_afg.write(f"SOURce1:{header}")
+        value = float(header.split()[1].rstrip("PCTHzs"))
+        assert float(client_afg.ask(f"SOURce1:{header.split()[0]}?")) == value
+    client_afg.write("output1:state on")
+    client_afg.write("SOURce1:PM:STATe ON")
+    assert client_afg.check_errors()[0][0] == 901
+    client_afg.write("SOURce1:PM:STATe OFF;:output1:state off")

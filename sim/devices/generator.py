@@ -6,7 +6,7 @@ nothing is played: a shape that is not emulated puts error +901 into the queue w
 is on, and everything that is not played sets bit 12 of ``STATus:QUEStionable:CONDition``.
 
 What this does not model: the time that a setting takes, autorange clicks, what a modulation or a sweep does
-(whether it is on is remembered), angles in other units than degrees, sequences,
+(all of it is remembered), angles in other units than degrees, sequences,
 mass memory, the output of the second channel, the frequency of an arbitrary waveform (``FREQ`` is kept apart
 from its sample rate), and the ties between pulse width, duty cycle, edges and period.
 """
@@ -29,6 +29,7 @@ from sim.devices.generator_commands import (
     add_load_command,
     add_shape_commands,
 )
+from sim.devices.generator_modulation import modulation_settings
 from sim.devices.generator_settings import (
     OTHER_NAMES,
     SHARED_SETTINGS,
@@ -133,7 +134,7 @@ class GeneratorDevice(EmulatedGenerator):
         add_limit_commands(commands, "[SOURce#:]VOLTage:LIMit")
         add_load_command(commands, "OUTPut#:LOAD")
         add_arb_commands(commands, self.model.max_points, lambda: self.byte_order == "SWAP")
-        for setting in channel_settings(self.model):
+        for setting in (*channel_settings(self.model), *modulation_settings(self.model)):
             setting.enter(self.tree, self._choose)
         for setting in SHARED_SETTINGS:
             setting.enter(self.tree, lambda call: self)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from belahil.generators import Function, TriggerSource
 from sim.devices.generator_arbs import BUILT_IN, ArbMemory
-from sim.devices.generator_levels import Levels
+from sim.devices.generator_modulation import Modulated
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,7 +22,7 @@ _SOURCES: dict[str, TriggerSource] = {"IMM": "IMM", "EXT": "EXT", "BUS": "BUS", 
 
 
 @dataclass(slots=True)
-class Channel(Levels):
+class Channel(Modulated):
     """One channel of a 33500B or 33600A."""
 
     arbs: ArbMemory = field(kw_only=True)
@@ -42,26 +42,11 @@ class Channel(Levels):
     trigger_timer_s: float = 1.0
     trigger_count: float = 1.0
     output_mode: str = "NORM"
-    sweep_start_hz: float = 100.0
-    sweep_stop_hz: float = 1e3
-    sweep_spacing: str = "LIN"
-    sweep_time_s: float = 1.0
-    sweep_hold_s: float = 0.0
-    sweep_return_s: float = 0.0
-    sweep: bool = False
-    am: bool = False
-    fm: bool = False
-    pm: bool = False
-    pwm: bool = False
-    fsk: bool = False
-    bpsk: bool = False
-    summed: bool = False
 
     @property
     def is_changed(self) -> bool:
         """Whether anything changes the waveform while it plays, or gates it."""
-        changes = (self.sweep, self.am, self.fm, self.pm, self.pwm, self.fsk, self.bpsk, self.summed)
-        return any(changes) or self.output_mode == "GAT"
+        return self.is_modulated or self.output_mode == "GAT"
 
     @property
     def most_hz(self) -> float:

@@ -113,18 +113,6 @@ OTHER_NAMES = frozenset(
 )
 """Of settings: clients in use (pylablib) name the channel so; that instruments take them is assumed."""
 
-MODULATIONS = {
-    "SWEep": "sweep",
-    "AM": "am",
-    "FM": "fm",
-    "PM": "pm",
-    "PWM": "pwm",
-    "FSKey": "fsk",
-    "BPSK": "bpsk",
-    "SUM": "summed",
-}
-"""What changes a waveform while it plays, and the field that says whether it is on; none of it is played."""
-
 
 def channel_settings(model: GeneratorModel) -> tuple[Setting, ...]:
     """Return the settings of one channel that depend on no other setting.
@@ -186,25 +174,9 @@ def channel_settings(model: GeneratorModel) -> tuple[Setting, ...]:
         Word(f"{trigger}SLOPe", "trigger_slope", edge),
         Number(f"{trigger}TIMer", "trigger_timer_s", *period, 1.0),
         Number(f"{trigger}COUNt", "trigger_count", None, 1.0, 1e6, 1.0, step=1.0, infinite=True),
-        *_sweep(model),
-        *(Switch(f"{source}{way}:STATe", field) for way, field in MODULATIONS.items()),
         Word(f"{output}POLarity", "polarity", sign),
         Word(f"{output}MODE", "output_mode", Choices("NORMal", "GATed")),
         Switch(f"{output[:-1]}[:STATe]", "output"),
-    )
-
-
-def _sweep(model: GeneratorModel) -> tuple[Setting, ...]:
-    """Return the settings of a sweep, which is remembered and not played; defaults assumed."""
-    source, hertz = "[SOURce#:]", (HERTZ, model.min_sine_hz, model.max_sine_hz)
-    seconds = (SECOND, 0.0, 3600.0)
-    return (
-        Number(f"{source}FREQuency:STARt", "sweep_start_hz", *hertz, 100.0),
-        Number(f"{source}FREQuency:STOP", "sweep_stop_hz", *hertz, 1e3),
-        Word(f"{source}SWEep:SPACing", "sweep_spacing", Choices("LINear", "LOGarithmic")),
-        Number(f"{source}SWEep:TIME", "sweep_time_s", SECOND, 1e-3, 250e3, 1.0),
-        Number(f"{source}SWEep:HTIMe", "sweep_hold_s", *seconds, 0.0),
-        Number(f"{source}SWEep:RTIMe", "sweep_return_s", *seconds, 0.0),
     )
 
 

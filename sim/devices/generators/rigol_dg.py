@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 SHAPES = ("SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "USER", "HARMonic", "DC")
 _ON_OFF = ("OFF", "ON")
+_EDGES = Choices("POSitive", "NEGative")
 _SHAPES: dict[str, Function] = {"SIN": "SIN", "USER": "ARB", "DC": "DC"}
 _SOURCES: dict[str, TriggerSource] = {"INT": "IMM", "EXT": "EXT", "MAN": "BUS"}
 # Highest frequencies beside a sine's, in parts of it, so that those of the DG1062Z come out right; those of
@@ -61,6 +62,8 @@ class DgChannel(Levels):
     volatile: Volatile = field(kw_only=True)
     arb_mode: str = "FREQ"
     trigger_output: str = "OFF"
+    idle: str = "FPT"
+    output_gate: str = "POS"
     sync: bool = True
     trigger_source: str = "INT"
     square_duty_percent: float = 50.0
@@ -158,9 +161,17 @@ class RigolDg(EmulatedGenerator):
             setting.enter(self.tree, self._choose, seven_digits)
         for header in ("[SOURce#:]BURSt:TRIGger[:IMMediate]", "TRIGger#[:IMMediate]"):
             self.tree.add(header, Action(self._trigger_one))
+        self.tree.add("OUTPut#:GATe:POLarity", Action(self._set_output_gate, 1, 1), Action(self._output_gate))
         Switch("SYSTem:BEEPer:STATe", "beeper", _ON_OFF).enter(self.tree, lambda call: self)
         self.tree.add("SYSTem:BEEPer[:IMMediate]", Action(lambda call: None))
         self.tree.add("SYSTem:CHANnel:NUMber", query=Action(lambda call: str(self.model.channels)))
+
+    def _set_output_gate(self, call: Call) -> None:
+        self._choose(call).output_gate = _EDGES.read(call.parameters[0])
+
+    def _output_gate(self, call: Call) -> str:
+        # In full: QCoDeS expects it so.
+        return {"POS": "POSITIVE", "NEG": "NEGATIVE"}[self._choose(call).output_gate]
 
     def _trigger_one(self, call: Call) -> None:
         """Start the burst of one channel; ignored unless it waits for this (the public guide)."""
@@ -192,7 +203,6 @@ def _applied(channel: DgChannel, _: Tokens) -> str:
 def _channel_settings(model: GeneratorModel) -> tuple[Setting, ...]:
     source, burst = "[SOURce#:]", "[SOURce#:]BURSt"
     sign = Choices("NORMal", "INVerted")
-    edge = Choices("POSitive", "NEGative")
     shapes = []
     for shape in (f"{source}FUNCtion:", source):
         shapes += [
@@ -225,8 +235,9 @@ def _channel_settings(model: GeneratorModel) -> tuple[Setting, ...]:
             f"{burst}:TDELay", "trigger_delay_s", SECOND, 0.0, model.max_delay_s, 0.0, step=model.delay_step_s
         ),
         Word(f"{burst}:GATE:POLarity", "gate_polarity", sign),
+        Word(f"{burst}:IDLE", "idle", Choices("FPT", "TOP", "CENTER", "BOTTOM")),
         Word(f"{burst}:TRIGger:SOURce", "trigger_source", Choices("INTernal", "EXTernal", "MANual")),
-        Word(f"{burst}:TRIGger:SLOPe", "trigger_slope", edge),
+        Word(f"{burst}:TRIGger:SLOPe", "trigger_slope", _EDGES),
         Word(f"{burst}:TRIGger:TRIGOut", "trigger_output", Choices("POSitive", "NEGative", "OFF")),
         Switch("OUTPut#[:STATe]", "output", _ON_OFF),
         Word("OUTPut#:POLarity", "polarity", sign),

@@ -28,6 +28,7 @@ from sim.devices.generator_levels import Levels
 from sim.devices.generator_output import burst_s
 from sim.devices.generator_settings import Switch, Word
 from sim.devices.generators.tektronix_afg_arbs import EditMemory, add_memory_commands, memory_name
+from sim.devices.generators.tektronix_afg_modulation import AfgModulated, modulation_settings
 from sim.devices.scpi.numeric import DEGREE, HERTZ, PERCENT, SECOND, Units
 from sim.devices.scpi.parameters import Choices
 from sim.devices.scpi.status import ScpiError
@@ -68,7 +69,7 @@ def answer_short(value: float) -> str:
 
 
 @dataclass(slots=True)
-class AfgChannel(Levels):
+class AfgChannel(AfgModulated):
     """One channel; volts are volts into `load_ohm`."""
 
     memory: EditMemory = field(kw_only=True)
@@ -98,6 +99,8 @@ class AfgChannel(Levels):
     @property
     def shape(self) -> Function:
         """Shape as the plant knows it."""
+        if self.is_modulated:
+            return "OTHER"
         if self.memory_name:
             return "ARB"
         return "SIN" if self.function == "SIN" else "DC" if self.function == "DC" else "OTHER"
@@ -207,6 +210,8 @@ class TektronixAfg(EmulatedGenerator):
         )
         for setting in _CHANNEL_SETTINGS:
             setting.enter(self.tree, self._choose)
+        for remembered in modulation_settings(self.model):
+            remembered.enter(self.tree, self._choose, answer_number)
         for shared in _SHARED_SETTINGS:
             shared.enter(self.tree, lambda call: self)
         sources = Choices("TIMer", "EXTernal")
