@@ -16,6 +16,8 @@ PIECES = [
 
 
 ITEM = rb'(?:[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:E[+-]?\d+)?|[A-Z][A-Z0-9_]*|"(?:[^"\n]|"")*"|\(@?[\d,:]*\))'
+# Of a Tektronix oscilloscope, until it is told otherwise.
+HEADER = rb"(?:(?::[A-Z0-9_]+)+ )?"
 # Siglent's own words come back behind their header, with units, and hold no quotes.
 ECHO = rb'(?:[A-Z][A-Z0-9:_]* [^;\n"]*)'
 WORDS = [
@@ -49,7 +51,7 @@ def mutated(line: bytes, others: list[bytes], draw: random.Random) -> bytes:
 
 def without_blocks(answer: bytes) -> bytes:
     """Return an answer with a 0 for each block that is as long as it says."""
-    begins = re.compile(rb"(?:(?<=[,;])|^)#([1-9])")
+    begins = re.compile(rb"(?:(?<=[,; ])|^)#([1-9])")
     place = 0
     while found := begins.search(answer, place):
         place = found.start()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
 
 import numpy as np
@@ -30,6 +31,7 @@ from belahil.values import RangeWindow, Shot, WindowRequest
 from drivers.scpi import ScpiSession
 from procedures.characterize import GainOptions
 from sim.build import endpoints
+from sim.devices.oscilloscopes.infiniivision import InfiniiVision
 from sim.draws import Draws
 from sim.faults import Fault, FaultPlan
 from sim.plant import PlantClock
@@ -57,6 +59,22 @@ def test_equal_seeds_give_equal_windows_with_and_without_a_link(driver: str) -> 
     # and a shot is the same alone as after others
     with open_bench(config(driver)) as bench:
         assert same(bench.measure(*SCRIPT[4]).window, shots["emulated"][4].window)
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_a_shot_that_is_repeated_repeats_its_noise_and_shot_0_too(driver: str) -> None:
+    with open_bench(config(driver)) as bench:
+        for shot in (0, 1):
+            # given a shot with noise, after another shot
+            request = WindowRequest(shot, None, 400)
+            first = bench.measure(NoSignal(), request).window
+            bench.measure(NoSignal(), WindowRequest(5, None, 400))
+            # when it is measured again, then its window is the same, and that without a link
+            again = bench.measure(NoSignal(), request).window
+            assert same(again, first)
+            assert np.ptp(first.counts) > 0
+    with open_bench(config(driver, "simulated")) as bench:
+        assert same(bench.measure(NoSignal(), request).window, first)
 
 
 @pytest.mark.parametrize("driver", DRIVERS)
@@ -291,6 +309,52 @@ def test_settings_that_are_changed_by_hand_are_found_in_the_record(driver: str) 
         shot = bench.measure(*SCRIPT[0])
         assert shot.attempt == 2
         assert same(shot.window, before)
+
+
+def test_a_tektronix_is_understood_in_long_words_and_not_behind_headers() -> None:
+    # given somebody at the panel who switches long words on whenever the driver switches them off
+    def with_panel(ends: object) -> Panel:
+        return Panel(device_of(ends), b":VERB 0", b":VERB 1\n", "after")  # type: ignore[arg-type]
+
+    with opened(config("tektronix-mso"), device=with_panel) as bench:
+        # when a window is measured, then it is the first attempt's
+        assert bench.measure(*SCRIPT[0]).attempt == 1
+
+    # but where answers keep their headers
+    def with_headers(ends: object) -> Panel:
+        return Panel(device_of(ends), b":VERB 0", b":HEAD 1\n", "after")  # type: ignore[arg-type]
+
+    # then none is believed
+    with (
+        opened(config("tektronix-mso"), device=with_headers) as bench,
+        pytest.raises(CorruptData, match=r"was sent :HEAD 0 and says :HEAD 1"),
+    ):
+        bench.measure(*SCRIPT[0])
+
+
+def test_the_level_of_the_trigger_is_set_where_each_series_of_infiniivisions_has_it() -> None:
+    # given an instrument of a larger series, which knows no :EXTernal:LEVel
+    larger = []
+
+    def of_the_3000t(ends: object) -> InfiniiVision:
+        small = device_of(ends)  # type: ignore[arg-type]
+        assert isinstance(small, InfiniiVision)
+        small._front.model = dataclasses.replace(small.model, name="DSO-X 3024T")
+        larger.append(InfiniiVision(small._port, small._front))
+        return larger[0]
+
+    windows = []
+    for device in (None, of_the_3000t):
+        # when pulses are measured with either
+        with opened(config("keysight-infiniivision"), device=device) as bench:
+            shots = [bench.measure(*one) for one in SCRIPT[2:4]]
+        assert [shot.attempt for shot in shots] == [1, 1]
+        windows.append([shot.window for shot in shots])
+    # then their windows are equal, and the level is 1 V
+    assert all(same(one, other) for one, other in zip(*windows, strict=True))
+    assert larger[0].levels_v == {"EXT": 1.0}
+    larger[0].write(b"*CLS;:EXT:LEV 1\n:SYST:ERR?\n")
+    assert larger[0].read() == b'-113,"Undefined header; EXT"\n'
 
 
 @pytest.mark.parametrize("driver", DRIVERS)

@@ -84,8 +84,30 @@ def test_only_a_number_that_a_plan_may_have_is_a_shot(driver: str, label: str, s
 
 @pytest.mark.parametrize("driver", sorted(LABEL))
 def test_a_label_is_answered_as_a_string(driver: str) -> None:
-    header = LABEL[driver][0]
-    assert ask(scope(driver), f"{header} 'a\"b';{header}?") == '"a""b"'
+    device, header = scope(driver), LABEL[driver][0]
+    device.headers = False  # type: ignore[attr-defined]
+    assert ask(device, f"{header} 'a\"b';{header}?") == '"a""b"'
+
+
+@pytest.mark.parametrize(
+    ("setting", "answers"),
+    [
+        ("*RST", [":TRIGGER:A:EDGE:SLOPE RISE", ":ACQUIRE:STOPAFTER RUNSTOP", ":SELECT:CH2 1", ":HEADER 1"]),
+        (":VERB 0", [":TRIG:A:EDGE:SLO RIS", ":ACQ:STOPA RUNST", ":SEL:CH2 1", ":HEAD 1"]),
+        (":HEAD 0", ["RISE", "RUNSTOP", "1", "0"]),
+        (":HEAD 0;VERB 0", ["RIS", "RUNST", "1", "0"]),
+        (":HEAD 0;VERB 0;*RST", [":TRIGGER:A:EDGE:SLOPE RISE", ":ACQUIRE:STOPAFTER RUNSTOP"]),
+    ],
+)
+def test_a_tektronix_answers_with_headers_and_long_words_until_it_is_told_otherwise(
+    setting: str, answers: list[str]
+) -> None:
+    device = scope("tektronix-mso")
+    ask(device, setting)
+    said = ask(device, ":TRIG:A:EDGE:SLO?;:ACQ:STOPA?;:SEL:CH2?;:HEAD?")
+    assert said.split(";")[: len(answers)] == answers
+    # but common headers have no answers with headers
+    assert ask(device, "*ESE 7;*ESE?") == "+7"
 
 
 @pytest.mark.parametrize(
@@ -93,7 +115,9 @@ def test_a_label_is_answered_as_a_string(driver: str) -> None:
     [
         ("rigol-ds1000z", ":RUN;:ACQ:MDEP 1E400", ":ACQ:MDEP?", "12000"),
         ("siglent-sds", f"MSIZ {'9' * 400}M", "MSIZ?", "14K"),
-        ("siglent-sds", "BWL C1,'\xb5'", "BWL?", "C1,OFF"),
+        ("siglent-sds", "BWL C1,'\xb5'", "BWL?", "C1,OFF,C2,OFF,C3,OFF,C4,OFF"),
+        ("siglent-sds", "BWL C1,OFF,C9,ON", "BWL?", "C1,OFF,C2,OFF,C3,OFF,C4,OFF"),
+        ("siglent-sds", "STOP;MSIZ 140K", "MSIZ?", "14K"),
         ("siglent-sds", "TRSE EDGE,SR,'\"',HT,OFF", "TRSE?", "EDGE,SR,C1,HT,OFF"),
     ],
 )

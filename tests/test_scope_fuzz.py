@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 import pytest
-from damaged_messages import ITEM, is_legal, lines_of, mutated, some_bytes
+from damaged_messages import HEADER, ITEM, is_legal, lines_of, mutated, some_bytes
 from kept_memory import Kept
 
 from belahil.oscilloscopes import SCOPES, ScopeModel
@@ -29,7 +29,8 @@ OWN = {
         b":WAV:POIN 1000;POIN?;:ACQ:POIN?;SRAT?", b":WAV:POIN 500000", b":WAV:POIN:MODE RAW;:WAV:UNS 0",
         b":WAV:SOUR CHAN1;FORM WORD;BYT LSBF;UNS 1;PRE?", b":WAV:FORM ASC;DATA?", b":WAV:FORM BYTE;DATA?",
         b":WAV:SOUR CHAN2;DATA?", b":WAV:DATA?", b":WAV:XINC?;XOR?;XREF?;YINC?;YOR?;YREF?",
-        b":TRIG:EDGE:SOUR EXT;SLOP POS;:EXT:LEV 1;LEV?", b":TIM:MODE MAIN;:ACQ:TYPE NORM",
+        b":TRIG:EDGE:SOUR EXT;SLOP POS;:EXT:LEV 1;LEV?",
+        b":TRIG:EDGE:LEV 1,CHAN2;LEV? CHAN2", b":TIM:MODE MAIN;:ACQ:TYPE NORM",
     ],
     "rigol-ds1000z": [
         b":STOP", b":SING;:TRIG:STAT?", b":TFOR;:TRIG:STAT?", b":RUN;:ACQ:MDEP 12000;:STOP;:ACQ:MDEP?",
@@ -53,7 +54,7 @@ OWN = {
     ],
     "tektronix-mso": [
         b":ACQ:STATE STOP", b":ACQ:STATE RUN;STATE?;NUMAC?;:TRIG:STATE?", b":TRIG FORC;:ACQ:NUMAC?;:BUSY?",
-        b":HEAD 0;VERB 0;HEAD?", b":CH1:SCA 0.05;POS -1;OFFS 10MV;SCA?", b":CH4:COUP AC;BAN TWE;:SEL:CH2 1",
+        b":HEAD 0;VERB 0;HEAD?", b":CH1:SCA 0.05;POS -1;OFFS 10MV;SCA?", b":CH4:COUP AC;BAN 20E6;:SEL:CH2 1",
         b":HOR:MOD MAN;MOD:SAMPLER 100E6;RECO 1000;RECO?", b":HOR:MOD:SAMPLER MAX", b":HOR:MOD:RECO 1234.5",
         b":HOR:DEL:MOD 1;TIM 5E-6;:HOR:POS 30", b":HOR:DEL:MOD 0;:HOR:POS 100",
         b":HOR:MOD:SAMPLER 1;RECO 1E5",
@@ -72,6 +73,7 @@ ITEMS = {
     # Rigol's exponents are small letters; Siglent's words and numbers have no form of their own.
     "rigol-ds1000z": rb"(?:[+-]?\d\.\d+e[+-]\d\d|%b)" % ITEM,
     "siglent-sds": rb"(?:[A-Za-z0-9.+-]+|%b)" % ITEM,
+    "tektronix-mso": HEADER + ITEM,
 }
 
 

@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable
 
 import pytest
-from damaged_messages import ITEM, is_legal, mutated
+from damaged_messages import HEADER, ITEM, is_legal, mutated
 from kept_memory import Kept
 from pyvisa.constants import BufferOperation, ResourceAttribute, StatusCode, TriggerProtocol
 from pyvisa.errors import VisaIOError
@@ -41,7 +41,7 @@ SCOPE = {
     ],
 }  # fmt: skip
 # The words of either are sent to both, so those of all families are allowed.
-ANY_ITEM = rb"(?:[A-Za-z0-9.+-]+|%b)" % ITEM
+ANY_ITEM = rb"(?:[A-Za-z0-9.+-]+|%b%b)" % (HEADER, ITEM)
 
 
 class Caller:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -22,13 +23,20 @@ class Item(NamedTuple):
 
     command: str
     query: str
-    expected: str | float
+    expected: str | float | re.Pattern[str]
     tolerance: float = READ_BACK_TOLERANCE
 
 
 def item(header: str, value: str | float) -> Item:
-    """Return the usual form of an item: the header with the value, and the header with a question mark."""
-    return Item(f"{header} {value if isinstance(value, str) else repr(value)}", f"{header}?", value)
+    """Return the usual form of an item: the header with the value, and the header with a question mark.
+
+    A word may be written as guides do, ``NORMal``: its capitals are sent, and either form may come back.
+    """
+    return Item(f"{header} {_short(value) if isinstance(value, str) else repr(value)}", f"{header}?", value)
+
+
+def _short(word: str) -> str:
+    return "".join(itertools.takewhile(lambda letter: not letter.islower(), word))
 
 
 class ScopeDialect(Protocol):
@@ -43,9 +51,11 @@ class ScopeDialect(Protocol):
     """Waits for one trigger."""
     force: str
     """Takes the record now."""
+    tells_errors: bool
+    """Whether ``SYSTem:ERRor?`` is among its words."""
 
-    def items(self, setting: ScopeSetting) -> tuple[Item, ...]:
-        """Return all that has to be set for a record."""
+    def items(self, setting: ScopeSetting, identity: str) -> tuple[Item, ...]:
+        """Return all that has to be set for a record by the instrument of that identity."""
         ...
 
     def mark(self, shot: int) -> Item:
@@ -89,8 +99,10 @@ class ScopeDialect(Protocol):
 
 def agrees(answer: str, sent: Item) -> bool:
     """Tell whether a setting that was read back is the one that was sent."""
+    if isinstance(sent.expected, re.Pattern):
+        return bool(sent.expected.fullmatch(answer.strip()))
     if isinstance(sent.expected, str):
-        return answer.strip().upper() == sent.expected.upper()
+        return answer.strip().upper() in (_short(sent.expected), sent.expected.upper())
     try:
         return math.isclose(float(answer), sent.expected, rel_tol=sent.tolerance, abs_tol=_ALMOST_ZERO)
     except ValueError:

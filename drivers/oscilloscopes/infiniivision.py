@@ -1,5 +1,8 @@
 """Keysight InfiniiVision oscilloscopes, 1000 to 4000 X-Series (their public programmer's guides).
 
+The level of the external trigger is ``:EXTernal:LEVel`` on the 1000 X-Series, as public drivers of DSOX1200
+have it; the guides of the larger series have no such header, but name the source behind an edge's level.
+
 ``:DIGitize`` would hold the instrument's parser until the trigger comes, so that nobody could learn that it
 is armed before the generator is triggered; ``:SINGle`` with the arm event register tells.
 """
@@ -25,6 +28,7 @@ RUN_BIT = 1 << 3
 LABEL_CHARACTERS = 10
 TRIGGER_LEVEL_V = 1.0
 """Of the external input: between the levels of a generator's trigger output."""
+_SMALL = re.compile(r"[^,]*,[DM]SO-?X ?1\d{3}", re.IGNORECASE)
 _CLIPPED_BELOW, _CLIPPED_ABOVE = 1, 0xFFFF
 _WORD_FORMAT, _NORMAL_TYPE = 1, 0
 
@@ -37,8 +41,9 @@ class InfiniiVisionDialect:
     stop = ":STOP"
     start = ":SING"
     force = ":TRIG:FORC"
+    tells_errors = True
 
-    def items(self, setting: ScopeSetting) -> tuple[Item, ...]:
+    def items(self, setting: ScopeSetting, identity: str) -> tuple[Item, ...]:
         """Return all that has to be set for a record; input resistance and coupling of the trigger stay."""
         span_s = setting.points * setting.interval_s
         return (
@@ -56,7 +61,7 @@ class InfiniiVisionDialect:
             item(":TRIG:SWE", "NORM"),
             item(":TRIG:EDGE:SOUR", "EXT"),
             item(":TRIG:EDGE:SLOP", "POS"),
-            item(":EXT:LEV", TRIGGER_LEVEL_V),
+            _level_item(identity),
             item(":ACQ:TYPE", "NORM"),
             item(":WAV:SOUR", "CHAN1"),
             item(":WAV:FORM", "WORD"),
@@ -108,6 +113,12 @@ class InfiniiVisionDialect:
             interval_s=step_s,
             first_s=first_s - first_at * step_s,
         )
+
+
+def _level_item(identity: str) -> Item:
+    if _SMALL.match(identity):
+        return item(":EXT:LEV", TRIGGER_LEVEL_V)
+    return Item(f":TRIG:EDGE:LEV {TRIGGER_LEVEL_V},EXT", ":TRIG:EDGE:LEV? EXT", TRIGGER_LEVEL_V)
 
 
 def _codes(words: NDArray[np.uint16]) -> NDArray[np.uint16]:

@@ -35,8 +35,9 @@ class RigolDialect:
     stop = ":STOP"
     start = ":SING"
     force = ":TFOR"
+    tells_errors = True
 
-    def items(self, setting: ScopeSetting) -> tuple[Item, ...]:
+    def items(self, setting: ScopeSetting, identity: str) -> tuple[Item, ...]:
         """Return all that has to be set for a record; the memory depth is taken only while it runs."""
         span_s = setting.points * setting.interval_s
         depth = f":RUN;:ACQ:MDEP {setting.points};:STOP"

@@ -104,7 +104,7 @@ class ScopeDigitizer:
             session, dialect = self._session, self._dialect
             session.send(dialect.stop)
             if setting != self._set:
-                self._send(dialect.items(setting))
+                self._send(dialect.items(setting, session.identity))
                 self._set = setting
             dialect.forget(session)
             session.send(dialect.mark(request.shot).command, dialect.start)
@@ -153,8 +153,9 @@ class ScopeDigitizer:
     def _send(self, items: tuple[Item, ...]) -> None:
         """Set what the items say and read all of it back."""
         self._session.send(*(item.command for item in items))
-        answers = self._session.ask(*(item.query for item in items))
-        for item, answer in zip(items, answers, strict=True):
+        told = [item for item in items if item.query]
+        answers = self._session.ask(*(item.query for item in told))
+        for item, answer in zip(told, answers, strict=True):
             if not agrees(answer, item):
                 raise CorruptData(f"the oscilloscope was sent {item.command} and says {answer}{self._said()}")
 
@@ -168,8 +169,8 @@ class ScopeDigitizer:
             pause_s = min(2 * pause_s, LONGEST_WAIT_S)
 
     def _said(self) -> str:
-        """Return what is in the error queue, for a message."""
-        found = self._session.errors()
+        """Return what is in the error queue, for a message, where there is one."""
+        found = self._session.errors() if self._dialect.tells_errors else ()
         return "".join(f'; error {number:+d},"{text}"' for number, text in found)
 
     @contextmanager

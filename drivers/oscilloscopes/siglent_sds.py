@@ -3,7 +3,8 @@
 Answers have no header (``CHDR OFF``). The internal state register tells of a trigger that is ready (bit 13)
 and of a signal that was acquired (bit 0). There is no preamble: volts a division, seconds a division, and
 the sample rate describe the record, with three digits. The shot goes into the first point of the waveform
-setup, which is set anew before the record is read; so the shot cannot be read back afterwards. Assumed:
+setup, one more than its number, since 0 is what stands there without one. The setup is set anew before the
+record is read; so the shot cannot be read back afterwards. Assumed:
 that the setup takes it, the sign of the trigger delay (negative is later, about the middle of the screen),
 and how answers are spelt.
 """
@@ -28,6 +29,8 @@ TRIGGER_READY, SIGNAL_ACQUIRED = 1 << 13, 1
 TRIGGER_LEVEL_V = 1.0
 CODES_A_DIVISION = 25
 _THREE_DIGITS = 6e-3
+_FULL_BANDWIDTH = re.compile(r"C1,OFF(,C[2-4],(ON|OFF))*", re.IGNORECASE)
+"""All channels are answered; of the first one, that its bandwidth is not limited."""
 
 
 class SiglentDialect:
@@ -38,18 +41,20 @@ class SiglentDialect:
     stop = "STOP"
     start = "TRMD SINGLE"
     force = "FRTR"
+    tells_errors = False
 
-    def items(self, setting: ScopeSetting) -> tuple[Item, ...]:
+    def items(self, setting: ScopeSetting, identity: str) -> tuple[Item, ...]:
         """Return all that has to be set for a record."""
         return (
             Item("CHDR OFF", "CHDR?", "OFF"),
             _item("C1:TRA", "ON"),
             _item("C1:ATTN", 1.0),
             _item("C1:CPL", "D1M"),
-            Item("BWL C1,OFF", "BWL?", "C1,OFF"),
+            Item("BWL C1,OFF", "BWL?", _FULL_BANDWIDTH),
             _item("C1:VDIV", self._division_v(setting)),
             _item("C1:OFST", 0.0),
-            Item(f"MSIZ {_kilo(setting.points)}", "MSIZ?", _kilo(setting.points)),
+            # The memory is taken only while it runs.
+            Item(f"TRMD AUTO;MSIZ {_kilo(setting.points)};STOP", "MSIZ?", _kilo(setting.points)),
             *self._times(setting),
             Item("TRSE EDGE,SR,EX,HT,OFF", "TRSE?", "EDGE,SR,EX,HT,OFF"),
             _item("EX:TRSL", "POS"),
@@ -59,7 +64,7 @@ class SiglentDialect:
 
     def mark(self, shot: int) -> Item:
         """Return the shot as the first point of a waveform that is not read."""
-        return Item(f"WFSU SP,1,NP,0,FP,{shot}", "", "")
+        return Item(f"WFSU SP,1,NP,0,FP,{shot + 1}", "", "")
 
     def forget(self, session: ScpiSession) -> None:
         """Read the internal state register, which clears it."""

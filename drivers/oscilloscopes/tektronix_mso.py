@@ -2,7 +2,7 @@
 
 Samples are signed words, the most significant byte first (``RIBinary``), left-justified. The instrument
 counts its acquisitions since it was started, so that a record is of this start. The shot goes into the
-label of the channel. Assumed: that the auxiliary input is there to trigger, and how its level is set.
+label of the channel. Assumed: that the auxiliary input is there to trigger.
 """
 
 from __future__ import annotations
@@ -33,33 +33,37 @@ class TektronixDialect:
     stop = ":ACQ:STATE STOP"
     start = ":ACQ:STATE RUN"
     force = ":TRIG FORC"
+    tells_errors = False
 
-    def items(self, setting: ScopeSetting) -> tuple[Item, ...]:
+    def items(self, setting: ScopeSetting, identity: str) -> tuple[Item, ...]:
         """Return all that has to be set for a record."""
         span_s = setting.points * setting.interval_s
         return (
+            # Both are on after a reset: words come in their long form, which is as good, and behind headers.
+            Item(":VERB 0", "", ""),
             item(":HEAD", "0"),
             item(":SEL:CH1", "1"),
             item(":CH1:COUP", "DC"),
-            item(":CH1:BAN", "FUL"),
+            # It answers in hertz, whatever that is of an instrument and its probe.
+            Item(":CH1:BAN FUL", "", ""),
             item(":CH1:POS", 0.0),
             item(":CH1:OFFS", 0.0),
             item(":CH1:SCA", setting.full_scale_v / DIVISIONS_V),
-            item(":HOR:MOD", "MAN"),
+            item(":HOR:MOD", "MANual"),
             item(":HOR:MOD:SAMPLER", 1 / setting.interval_s),
             item(":HOR:MOD:RECO", float(setting.points)),
             item(":HOR:DEL:MOD", "1"),
             item(":HOR:POS", 50.0),
             item(":HOR:DEL:TIM", setting.start_s + span_s / 2),
             item(":TRIG:A:TYP", "EDGE"),
-            item(":TRIG:A:EDGE:SOU", "AUX"),
-            item(":TRIG:A:EDGE:SLO", "RIS"),
+            item(":TRIG:A:EDGE:SOU", "AUXiliary"),
+            item(":TRIG:A:EDGE:SLO", "RISe"),
             item(":TRIG:AUXL", TRIGGER_LEVEL_V),
-            item(":TRIG:A:MOD", "NORM"),
-            item(":ACQ:MOD", "SAM"),
-            item(":ACQ:STOPA", "SEQ"),
+            item(":TRIG:A:MOD", "NORMal"),
+            item(":ACQ:MOD", "SAMple"),
+            item(":ACQ:STOPA", "SEQuence"),
             item(":DAT:SOU", "CH1"),
-            item(":DAT:ENC", "RIB"),
+            item(":DAT:ENC", "RIBinary"),
             item(":WFMO:BYT_N", 2.0),
             item(":DAT:STAR", 1.0),
             item(":DAT:STOP", float(setting.points)),

@@ -5,6 +5,7 @@ many digits its numbers have, that a screen of eight divisions spans all 256 cod
 
 What this does not model: a message that waits (``:DIGitize`` arms like ``:SINGle``, and takes a record at
 once with the sweep AUTO), and trigger sources other than the external one, where the generator is connected.
+Only an instrument of the 1000 X-Series has ``:EXTernal:LEVel``; assumed: and the external level nowhere else.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from sim.devices.oscilloscopes.acquisition import (
     quoted,
     shot_in,
 )
-from sim.devices.scpi.numeric import SECOND, VOLT, read_number
-from sim.devices.scpi.parameters import Choices, read_name
+from sim.devices.scpi.numeric import SECOND, VOLT, answer_number, read_number
+from sim.devices.scpi.parameters import Choices, read_name, read_within
 from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call
 
@@ -37,9 +38,12 @@ if TYPE_CHECKING:
 RUN_BIT = 1 << 3
 DIVISIONS = 8
 LONGEST_LABEL = 10
+_SMALL = re.compile(r"DSOX1\d{3}")
 _SHOT = re.compile(r"SHOT (\d+)|S(\d+)|(\d{10})")
 _EDGE = Choices("POSitive", "NEGative", "EITHer", "ALTernate")
 _SOURCES = Sources("EXTernal", "LINE", "WGEN")
+_EXTERNAL_LEVEL = Number("EXTernal:LEVel", "external_v", VOLT, -8.0, 8.0, 0.0)
+"""Of the 1000 X-Series alone (public drivers); the larger ones know none (their guides)."""
 
 _SETTINGS = (
     Switch("CHANnel#:DISPlay", "display"),
@@ -58,7 +62,6 @@ _SETTINGS = (
     Word("TRIGger:SWEep", "sweep", Choices("AUTO", "NORMal")),
     Word("TRIGger[:EDGE]:SOURce", "trigger_source", _SOURCES),
     Word("TRIGger[:EDGE]:SLOPe", "trigger_slope", _EDGE),
-    Number("EXTernal:LEVel", "trigger_v", VOLT, -8.0, 8.0, 0.0),
     Word("ACQuire:TYPE", "acquisition", Choices("NORMal", "AVERage", "HRESolution", "PEAK")),
     Word("WAVeform:SOURce", "source", _SOURCES),
     Word("WAVeform:FORMat", "format", Choices("BYTE", "WORD", "ASCii")),
@@ -77,18 +80,24 @@ class InfiniiVision(ScopeDevice):
         See `ScopeDevice`.
     """
 
-    kept_fields = (*dict.fromkeys(setting.field for setting in _SETTINGS), "label", "points")
+    kept_fields = (
+        *dict.fromkeys(setting.field for setting in _SETTINGS),
+        *("levels_v", "external_v", "label", "points"),
+    )
 
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         super().__init__(port, front)
         self._set_defaults()
         for setting in _SETTINGS:
             setting.enter(self.tree, lambda call: self)  # type: ignore[arg-type,return-value]
+        if _SMALL.match(self.model.name):
+            _EXTERNAL_LEVEL.enter(self.tree, lambda call: self)  # type: ignore[arg-type,return-value]
         self._add_commands()
 
     def _set_defaults(self) -> None:
         self.probe, self.range_v, self.offset_v, self.span_s = 1.0, 8.0, 0.0, 1e-3
-        self.position_s = self.trigger_v = 0.0
+        self.position_s = self.external_v = 0.0
+        self.levels_v: dict[str, float] = {}
         self.display, self.bandwidth_limit, self.unsigned = True, False, True
         self.coupling, self.impedance, self.label = "DC", "ONEM", "1"
         self.timebase, self.reference = "MAIN", "CENT"
@@ -156,6 +165,21 @@ class InfiniiVision(ScopeDevice):
             raise ScpiError(-222, f"{lengths[0]} to {lengths[-1]}")
         self.points = min(lengths, key=lambda one: abs(one - asked))
 
+    def _level_source(self, call: Call, at: int) -> str:
+        """Return whose level is meant: the trigger's, unless one is named."""
+        source = _SOURCES.read(call.parameters[at]) if len(call.parameters) > at else self.trigger_source
+        if source in ("LINE", "WGEN") or (source == "EXT" and _SMALL.match(self.model.name)):
+            raise ScpiError(-221, f"no level of {source} is set here")
+        return source
+
+    def _set_level(self, call: Call) -> None:
+        source = self._level_source(call, 1)
+        volts = read_within(call.parameters[0], VOLT, -8.0, 8.0, 0.0, self.report)
+        self.levels_v = {**self.levels_v, source: volts}
+
+    def _tell_level(self, call: Call) -> str:
+        return answer_number(self.levels_v.get(self._level_source(call, 0), 0.0))
+
     def _held(self) -> RangeWindow:
         record = self.record()
         if record is None or self.source != "CHAN1":
@@ -210,6 +234,7 @@ class InfiniiVision(ScopeDevice):
         add("STOP", Action(self._stop))
         add("RUN", Action(self._single))
         add("TRIGger:FORCe", Action(self._force))
+        add("TRIGger[:EDGE]:LEVel", Action(self._set_level, 1, 2), Action(self._tell_level, 0, 1))
         add("AER", query=Action(self._take_armed))
         add("TER", query=Action(self._take_triggered))
         add("OPERegister:CONDition", query=Action(self._condition))

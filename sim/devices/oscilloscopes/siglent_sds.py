@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sim.devices.generator_settings import Number, Word
-from sim.devices.oscilloscopes.acquisition import ScopeDevice, ScopeFront, ScopePort, block
+from sim.devices.oscilloscopes.acquisition import LARGEST_SHOT, ScopeDevice, ScopeFront, ScopePort, block
 from sim.devices.scpi.numeric import SECOND, VOLT
 from sim.devices.scpi.parameters import Choices, read_integer
 from sim.devices.scpi.parser import Token, Unit
@@ -27,8 +27,9 @@ TRIGGER_READY, SIGNAL_ACQUIRED = 1 << 13, 1
 CODES_A_DIVISION = 25
 _DEPTH = re.compile(r"(\d+(?:\.\d+)?)([KM])", re.IGNORECASE)
 _WORD = re.compile(r"[A-Z0-9.+-]{1,16}", re.IGNORECASE | re.ASCII)
+_CHANNELS = ("C1", "C2", "C3", "C4")
 _FACTORS = {"K": 1000, "M": 1_000_000}
-_LARGEST_POINT = (1 << 31) - 1
+_LARGEST_POINT = LARGEST_SHOT + 1
 _WORDS = (
     Word("CHDR", "headers", Choices("OFF", "SHORT", "LONG")),
     Word("C#:TRA", "trace", Choices("ON", "OFF")),
@@ -58,7 +59,7 @@ class SiglentScope(ScopeDevice):
 
     kept_fields = (
         *(setting.field for setting in (*_WORDS, *_NUMBERS)),
-        *("trigger_select", "bandwidth_limit", "depth", "setup"),
+        *("trigger_select", "bandwidth_limits", "depth", "setup"),
     )
 
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
@@ -76,7 +77,7 @@ class SiglentScope(ScopeDevice):
         self.trigger_slope, self.trigger_mode, self.trigger_select = "POS", "AUTO", "EDGE,SR,C1,HT,OFF"
         self.probe, self.division_v, self.offset_v, self.division_s = 1.0, 1.0, 0.0, 1e-6
         self.delay_s = self.trigger_v = 0.0
-        self.bandwidth_limit = "C1,OFF"
+        self.bandwidth_limits = dict.fromkeys(_CHANNELS, "OFF")
         self.depth = self.model.record_lengths[0]
         self.setup = {"SP": 0, "NP": 0, "FP": 0}
         self.state = 0
@@ -92,8 +93,8 @@ class SiglentScope(ScopeDevice):
         self.trigger_mode = "STOP"
 
     def shot(self) -> int | None:
-        """Return the first point of the waveform setup, where there is one."""
-        return self.setup["FP"] or None
+        """Return what is before the first point of the waveform setup; nothing is before 0."""
+        return self.setup["FP"] - 1 if self.setup["FP"] else None
 
     def view(self) -> tuple[float, float, float, float, int]:
         """Return what fills the screen: the whole memory."""
@@ -146,6 +147,8 @@ class SiglentScope(ScopeDevice):
 
     def _set_depth(self, call: Call) -> None:
         found = _DEPTH.fullmatch(call.parameters[0].text)
+        if self.trigger_mode == "STOP":
+            raise ScpiError(-221, "the memory depth is taken only while it runs")
         depth = float(found[1]) * _FACTORS[found[2].upper()] if found else 0
         if depth not in self.model.record_lengths:
             raise ScpiError(-222, "14K, 140K, 1.4M, 14M")
@@ -162,7 +165,13 @@ class SiglentScope(ScopeDevice):
         self.trigger_select = _words(call.parameters)
 
     def _set_limit(self, call: Call) -> None:
-        self.bandwidth_limit = _words(call.parameters)
+        words = _words(call.parameters).split(",")
+        if len(words) % 2 or not set(words[::2]) <= set(_CHANNELS) or not set(words[1::2]) <= {"ON", "OFF"}:
+            raise ScpiError(-224, ",".join(words))
+        self.bandwidth_limits.update(zip(words[::2], words[1::2], strict=True))
+
+    def _tell_limits(self, call: Call) -> str:
+        return ",".join(f"{channel},{limit}" for channel, limit in self.bandwidth_limits.items())
 
     def _found(self, unit: Unit, branch: Branch) -> Found:
         """Find each header from the root: these words know no branches."""
@@ -193,7 +202,7 @@ class SiglentScope(ScopeDevice):
         setup = Action(lambda call: ",".join(f"{name},{value}" for name, value in self.setup.items()))
         add("WFSU", Action(self._set_setup, 2, 6), setup)
         add("TRSE", Action(self._set_select, 1, 9), Action(lambda call: self.trigger_select))
-        add("BWL", Action(self._set_limit, 2, 8), Action(lambda call: self.bandwidth_limit))
+        add("BWL", Action(self._set_limit, 2, 8), Action(self._tell_limits))
         # Behind its line feed too many no other answer could follow.
         add("C#:WF", query=Action(self._waveform, 1, 1, ends_message=True))
 

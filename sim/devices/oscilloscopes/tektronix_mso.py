@@ -1,10 +1,12 @@
 """A Tektronix oscilloscope of the 5 Series MSO, as messages make it appear.
 
-Words, states and the meaning of the waveform's description are those of public programmer manuals. Assumed:
-how many digits its numbers have, that ten divisions span all codes, and the auxiliary trigger input.
+Words, states and the meaning of the waveform's description are those of public programmer manuals. After a
+reset an answer repeats its header (``HEADer``), and both are in their long form (``VERBose``). Assumed: how
+many digits its numbers have, that ten divisions span all codes, its bandwidth, and that it has an auxiliary
+input.
 
-What this does not model: answers with headers (``HEADer`` is taken and not followed), other encodings than
-``RIBinary`` and ``RPBinary``, and other triggers than the auxiliary input.
+What this does not model: other encodings than ``RIBinary`` and ``RPBinary``, bandwidth limits, and other
+triggers than the auxiliary input.
 """
 
 from __future__ import annotations
@@ -16,10 +18,10 @@ import numpy as np
 
 from sim.devices.generator_settings import Number, Switch, Word
 from sim.devices.oscilloscopes.acquisition import ScopeDevice, ScopeFront, ScopePort, block, quoted, shot_in
-from sim.devices.scpi.numeric import HERTZ, PERCENT, SECOND, VOLT
+from sim.devices.scpi.numeric import HERTZ, PERCENT, SECOND, VOLT, read_number
 from sim.devices.scpi.parameters import Choices, read_name
 from sim.devices.scpi.status import ScpiError
-from sim.devices.scpi.tree import Action, Call
+from sim.devices.scpi.tree import Action, Call, Handler, header_of
 
 if TYPE_CHECKING:
     from belahil.values import RangeWindow
@@ -27,13 +29,14 @@ if TYPE_CHECKING:
 DIVISIONS_V = 10
 LONGEST_LABEL = 32
 """Characters; assumed."""
-_SOURCES = Choices("CH1", "CH2", "CH3", "CH4", "AUX", "LINE")
+BANDWIDTH_HZ = 5e8
+_SOURCES = Choices("CH1", "CH2", "CH3", "CH4", "AUXiliary", "LINE")
+_STATES = Choices("ARMed", "AUTO", "READy", "SAVe", "TRIGger")
 _SETTINGS = (
     Switch("HEADer", "headers"),
     Switch("VERBose", "verbose"),
     Switch("SELect:CH#", "display"),
     Word("CH#:COUPling", "coupling", Choices("AC", "DC")),
-    Word("CH#:BANdwidth", "bandwidth", Choices("FULl", "TWENty", "TWOFifty")),
     Number("CH#:POSition", "position_divisions", None, -5.0, 5.0, 0.0),
     Number("CH#:OFFSet", "offset_v", VOLT, -100.0, 100.0, 0.0),
     Number("CH#:SCAle", "scale_v", VOLT, 5e-4, 10.0, 0.1),
@@ -72,13 +75,15 @@ class TektronixScope(ScopeDevice):
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         super().__init__(port, front)
         self._set_defaults()
+        common = set(self.tree.actions)
         for setting in _SETTINGS:
             setting.enter(self.tree, lambda call: self)  # type: ignore[arg-type,return-value]
         self._add_commands()
+        self._dress_answers(common)
 
     def _set_defaults(self) -> None:
         self.headers = self.verbose = self.display = self.is_delayed = True
-        self.coupling, self.bandwidth, self.label = "DC", "FUL", ""
+        self.coupling, self.label = "DC", ""
         self.position_divisions, self.offset_v, self.scale_v = 0.0, 0.0, 0.1
         self.horizontal, self.rate_hz, self.points = "AUTO", 3.125e9, 10000.0
         self.position_percent, self.delay_s = 50.0, 0.0
@@ -131,7 +136,14 @@ class TektronixScope(ScopeDevice):
 
     def _trigger_state(self, call: Call) -> str:
         self.record()
-        return "READY" if self.is_armed else "SAVE"
+        return "READ" if self.is_armed else "SAV"
+
+    def _set_bandwidth(self, call: Call) -> None:
+        token = call.parameters[0]
+        if token.kind == "character":
+            Choices("FULl").read(token)
+        else:
+            read_number(token, HERTZ)
 
     def _set_label(self, call: Call) -> None:
         self.label = read_name(call.parameters[0])[:LONGEST_LABEL]
@@ -184,6 +196,7 @@ class TektronixScope(ScopeDevice):
         add = self.tree.add
         add("ACQuire:STATE", Action(self._set_state, 1, 1), Action(self._state))
         add("ACQuire:NUMACq", query=Action(self._count))
+        add("CH#:BANdwidth", Action(self._set_bandwidth, 1, 1), Action(lambda call: f"{BANDWIDTH_HZ:.4E}"))
         add("TRIGger", Action(self._force, 1, 1))
         add("TRIGger:STATE", query=Action(self._trigger_state))
         add("CH#:LABel:NAMe", Action(self._set_label, 1, 1), Action(lambda call: quoted(self.label)))
@@ -191,3 +204,23 @@ class TektronixScope(ScopeDevice):
             add(f"WFMOutpre:{name}", query=Action(self._field(name)))
         add("CURVe", query=Action(self._curve))
         add("BUSY", query=Action(self._state))
+
+    def _dress_answers(self, common: set[str]) -> None:
+        """Give every answer but those of the common headers the form that HEADer and VERBose ask for."""
+        words = {setting.header: setting.choices for setting in _SETTINGS if isinstance(setting, Word)}
+        words["TRIGger:STATE"] = _STATES
+        for pattern, (command, query) in tuple(self.tree.actions.items()):
+            if query and pattern not in common:
+                dressed = self._dressed(pattern, query.run, words.get(pattern))
+                self.tree.add(pattern, command, query._replace(run=dressed))
+
+    def _dressed(self, pattern: str, run: Handler, words: Choices | None) -> Handler:
+        def answer(call: Call) -> str | None:
+            said = run(call)
+            if words and said and self.verbose:
+                said = words.full(said)
+            if not self.headers:
+                return said
+            return f":{header_of(pattern, call.suffixes, self.verbose)} {said}"
+
+        return answer

@@ -27,6 +27,7 @@ class Choices:
 
     def __init__(self, *words: str) -> None:
         self._short = {form: forms(word)[0] for word in words for form in forms(word)}
+        self._full = dict(map(forms, words))
 
     def read(self, token: Token) -> str:
         """Return the short form of what was sent.
@@ -42,6 +43,10 @@ class Choices:
         if short is None:
             raise ScpiError(-224, token.text)
         return short
+
+    def full(self, short: str) -> str:
+        """Return the long form of one of the words."""
+        return self._full[short]
 
 
 _LIMITS = Choices("MINimum", "MAXimum", "DEFault", "INFinity", "NINFinity")

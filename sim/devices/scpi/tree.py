@@ -86,6 +86,15 @@ def patterns_of(pattern: str, largest_suffix: int) -> list[tuple[str, tuple[int,
     ]
 
 
+def header_of(pattern: str, suffixes: tuple[int, ...], full: bool) -> str:
+    """Return the header of a pattern with the numbers of its ``#``, in short or in full."""
+    numbers = iter(suffixes)
+    return ":".join(
+        forms(name)[full] + (str(next(numbers)) if mark else "")
+        for _, name, mark in _PATTERN_NODE.findall(pattern)
+    )
+
+
 class HeaderTree:
     """Finds the handler of a header.
 
