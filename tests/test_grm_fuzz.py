@@ -12,6 +12,7 @@ import pytest
 from grm_bench import SPEC, FakeReceiver
 from grm_cases import a_window
 from kept_memory import Kept
+from message_counts import counts
 
 from belahil.errors import CorruptData
 from belahil.grm_link import (
@@ -35,10 +36,7 @@ from belahil.grm_link import (
 from belahil.values import WindowRequest
 from sim.devices.grm import GrmDevice
 
-COUNTS = [
-    pytest.param(4_000),
-    pytest.param(1_000_000, marks=[pytest.mark.slow, pytest.mark.timeout(7200)]),
-]
+COUNTS = counts(4_000)
 FRAMINGS: tuple[Framing, ...] = ("cobs", "raw")
 KINDS = [Telecommand, Telemetry]
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from damaged_messages import HEADER, ITEM, is_legal, lines_of, mutated, some_bytes
 from kept_memory import Kept
+from message_counts import counts
 
 from belahil.oscilloscopes import SCOPES, ScopeModel
 from belahil.values import RangeWindow, WindowRequest
@@ -131,9 +132,7 @@ class Watched:
         self._armed = self._window = None
 
 
-@pytest.mark.parametrize(
-    "count", [600, pytest.param(1_000_000, marks=[pytest.mark.slow, pytest.mark.timeout(7200)])]
-)
+@pytest.mark.parametrize("count", counts(600))
 @pytest.mark.parametrize("driver", sorted(SCOPES))
 def test_no_damaged_message_escapes_or_stops_an_oscilloscope(driver: str, count: int) -> None:
     scope_fuzzed(driver, count, f"damage {driver}")

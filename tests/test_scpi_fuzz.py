@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from damaged_messages import is_legal, lines_of, mutated, some_bytes
 from kept_memory import Kept
+from message_counts import counts
 
 from belahil.generators import FAMILIES, MODELS, GeneratorModel, GeneratorSetting, per_50_ohm
 from sim.devices.generator import GeneratorDevice
@@ -111,9 +112,7 @@ def spoken(device: ScpiDevice, draw: random.Random) -> list[bytes]:
     )
 
 
-@pytest.mark.parametrize(
-    "count", [6_000, pytest.param(1_000_000, marks=[pytest.mark.slow, pytest.mark.timeout(7200)])]
-)
+@pytest.mark.parametrize("count", counts(6_000))
 @pytest.mark.parametrize("family", FAMILIES)
 def test_no_damaged_message_escapes_or_stops_the_device(family: str, count: int) -> None:
     # given a generator of a family and damaged messages, END after each

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import pytest
 from damaged_messages import HEADER, ITEM, is_legal, mutated
 from kept_memory import Kept
+from message_counts import counts
 from pyvisa.constants import BufferOperation, ResourceAttribute, StatusCode, TriggerProtocol
 from pyvisa.errors import VisaIOError
 from scope_bench import config
@@ -136,9 +137,7 @@ class Caller:
         assert self.visa.get_attribute(session, attribute)[0] in (True, False)
 
 
-@pytest.mark.parametrize(
-    "count", [250, pytest.param(1_000_000, marks=[pytest.mark.slow, pytest.mark.timeout(7200)])]
-)
+@pytest.mark.parametrize("count", counts(250))
 @pytest.mark.parametrize("driver", sorted(SCOPES))
 def test_calls_in_any_order_end_as_visa_has_it(driver: str, count: int) -> None:
     calls_in_any_order(driver, count, f"calls {driver}")
