@@ -115,7 +115,9 @@ pulses = st.builds(
     sample_rate_hz=st.floats(1.0, 250e6),
     start_s=st.floats(0.0, 1e-3),
     interpolation=st.sampled_from(["linear", "hold"]),
-).map(lambda one: replace(one, start_s=one.start_s + 1 / one.sample_rate_hz))  # it may begin with a jump
+)
+# It may begin with a jump, and so not before one interval of the rate as it is rounded, to 1 uHz.
+pulses = pulses.map(lambda one: replace(one, start_s=one.start_s + (1 + 1e-6) / one.sample_rate_hz))
 
 
 @settings(deadline=None)

@@ -18,12 +18,12 @@ from belahil.config import (
     GeneratorTable,
     GeneratorUncertainty,
     Interleave,
-    receiver_truth,
     simulated,
 )
 from belahil.errors import RefusedInput
 from belahil.pole_response import SampledNoise, autocovariance
 from belahil.receiver import BELA_GRM
+from belahil.receiver_truth import receiver_truth
 from belahil.stimuli import NoSignal, SampledPulse
 from belahil.values import Estimate, RangeWindow, WindowRequest
 from procedures.known_receiver import preset_receiver
