@@ -92,38 +92,53 @@ def errors(device: ScpiDevice) -> list[int]:
 # Framing
 
 
+def fed(framer: Framer, data: bytes, end: bool) -> list[Message]:
+    return list(framer.feed(data, end))
+
+
 def test_a_line_feed_or_end_completes_a_message() -> None:
     framer = Framer(1000)
-    assert framer.feed(b"A 1\r\nB", end=False) == [Message("A 1\r")]
-    assert framer.feed(b" 2", end=False) == []
-    assert framer.feed(b"", end=True) == [Message("B 2")]
-    assert framer.feed(b"C\n", end=True) == [Message("C")]
+    assert fed(framer, b"A 1\r\nB", end=False) == [Message("A 1\r")]
+    assert fed(framer, b" 2", end=False) == []
+    assert fed(framer, b"", end=True) == [Message("B 2")]
+    assert fed(framer, b"C\n", end=True) == [Message("C")]
 
 
 def test_a_block_may_hold_line_feeds_and_an_indefinite_one_lasts_until_end() -> None:
     framer = Framer(1000)
-    assert framer.feed(b"D x,#14a\n;b;E\n", end=False) == [Message(f"D x,{BLOCK_MARK};E", {4: b"a\n;b"})]
-    assert framer.feed(b"D #0a\nb", end=False) == []
-    assert framer.feed(b"c\n", end=True) == [Message(f"D {BLOCK_MARK}", {2: b"a\nbc"})]
-    assert framer.feed(b"D #10\n", end=False) == [Message(f"D {BLOCK_MARK}", {2: b""})]
+    assert fed(framer, b"D x,#14a\n;b;E\n", end=False) == [Message(f"D x,{BLOCK_MARK};E", {4: b"a\n;b"})]
+    assert fed(framer, b"D #0a\nb", end=False) == []
+    assert fed(framer, b"c\n", end=True) == [Message(f"D {BLOCK_MARK}", {2: b"a\nbc"})]
+    assert fed(framer, b"D #10\n", end=False) == [Message(f"D {BLOCK_MARK}", {2: b""})]
+
+
+def test_an_indefinite_block_on_a_link_without_end_is_an_error_until_the_next_line_feed() -> None:
+    # given a stream, on which no end would ever come
+    toy = Toy()
+    for piece in (b'DATA:ARB x,#0ab"', b',#19;\nDATA:ARB "', b'x",#12ab\n*IDN?\n'):
+        toy.write(piece)
+    # then that message alone is refused
+    assert answers(toy) == [toy.identity.encode() + b"\n"]
+    assert errors(toy) == [-161]
+    assert toy.log == ["x b'ab'"]
 
 
 @pytest.mark.parametrize("piece", [b"D #3\n", b"D #3xyz\n", b"D #2a1b\n", b"D #19abc", b"D #", b"D #4123"])
 def test_a_malformed_block_is_marked_with_its_error(piece: bytes) -> None:
-    message = Framer(1000).feed(piece, end=True)[0]
+    message = fed(Framer(1000), piece, end=True)[0]
     assert isinstance(message.blocks[2], ScpiError)
     assert message.blocks[2].code == -161
 
 
 @pytest.mark.parametrize("text", [b'D "#14ab"', b"D#14abcd", b"D 5#14abcd", b"D #HFF"])
 def test_a_hash_begins_a_block_only_where_a_parameter_begins(text: bytes) -> None:
-    assert Framer(1000).feed(text + b"\n", end=False) == [Message(text.decode())]
+    assert fed(Framer(1000), text + b"\n", end=False) == [Message(text.decode())]
 
 
 def test_a_message_beyond_the_capacity_is_read_over_and_the_next_one_is_not() -> None:
     framer = Framer(50)
     for long in (b"A " + b"1" * 60, b"A #260" + b"\n" * 60, b"A #240" + b"\n" * 40 + b",#240" + b"\n" * 40):
-        message, follower = framer.feed(long + b"\nB\n", end=False)
+        message, follower = fed(framer, long + b"\nB\n", end=False)
         assert isinstance(message.blocks[0], ScpiError)
         assert message.blocks[0].code == -363
         assert follower == Message("B")
@@ -158,9 +173,9 @@ def test_any_split_of_the_stream_gives_the_same_messages(
     framer = Framer(10_000)
     found = []
     for start, stop in itertools.pairwise([0, *cuts, len(stream)]):
-        found += framer.feed(stream[start:stop], end=False)
+        found += fed(framer, stream[start:stop], end=False)
     assert found == expected
-    assert framer.feed(b"", end=True) == []
+    assert fed(framer, b"", end=True) == []
 
 
 @given(
@@ -173,9 +188,9 @@ def test_any_split_of_garbage_gives_the_same_messages_too(stream: bytes, data: s
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=6).map(sorted))
     framer, whole = Framer(40), Framer(40)
     pieces = list(itertools.pairwise([0, *cuts, len(stream)]))
-    found = [str(message) for a, b in pieces for message in framer.feed(stream[a:b], end=False)]
-    found += map(str, framer.feed(b"", end=True))
-    once = list(map(str, whole.feed(stream, end=False) + whole.feed(b"", end=True)))
+    found = [str(message) for a, b in pieces for message in fed(framer, stream[a:b], end=False)]
+    found += map(str, fed(framer, b"", end=True))
+    once = list(map(str, fed(whole, stream, end=False) + fed(whole, b"", end=True)))
     assert found == once
 
 

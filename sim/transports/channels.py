@@ -7,6 +7,7 @@ import math
 import os
 import select
 import socket
+import time
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Protocol
 
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
     from sim.transports.serial_port import ByteDevice
 
 PORTION_BYTES = 1 << 16
+MOST_UNSENT_BYTES = 1 << 20
+"""A client that lets more than that lie is not listened to until it reads."""
+_STRIDE_BYTES = 32
+"""Of a line: about a command, which may take as long as a window."""
 _ALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
 """In s and tries: a client whose computer was switched off leaves within half a minute."""
 
@@ -135,10 +140,16 @@ class PtyChannel:
 
 
 class Wire(ABC):
-    """A client's side of a device."""
+    """A client's side of a device.
+
+    What was fed is carried out until `until_s` on the server's clock, and while not too much waits to be
+    taken; what is left is carried out by the next call.
+    """
 
     finished = False
     """Whether the connection ends once all has been sent."""
+    is_busy = False
+    """Whether `take` has something left to do."""
     due_s = math.inf
     """Time on the server's clock when `take` may have something to say without being fed."""
 
@@ -148,11 +159,11 @@ class Wire(ABC):
         return False
 
     @abstractmethod
-    def feed(self, data: bytes) -> None:
+    def feed(self, data: bytes, until_s: float = math.inf) -> None:
         """Take bytes from the client."""
 
     @abstractmethod
-    def take(self) -> bytes:
+    def take(self, until_s: float = math.inf) -> bytes:
         """Give bytes for the client."""
 
     def gone(self) -> None:  # noqa: B027 - most have nothing to tidy up
@@ -173,13 +184,29 @@ class ScpiWire(Wire):
         # A network drains answers as they come: no portion holds so many questions.
         self._connection.capacity = PORTION_BYTES
 
-    def feed(self, data: bytes) -> None:
-        """Take bytes; each line feed that is not part of a block ends a message."""
-        self._connection.write(data)
+    @property
+    def is_full(self) -> bool:
+        """Whether messages are left that have to be carried out first."""
+        return self.is_busy
 
-    def take(self) -> bytes:
+    def feed(self, data: bytes, until_s: float = math.inf) -> None:
+        """Take bytes; each line feed that is not part of a block ends a message."""
+        self._connection.push(data)
+        self._go_on(until_s)
+
+    def take(self, until_s: float = math.inf) -> bytes:
         """Give the answers."""
+        self._go_on(until_s)
         return b"".join(iter(self._connection.read, None))
+
+    def _go_on(self, until_s: float) -> None:
+        connection = self._connection
+
+        def may() -> bool:
+            return connection.unread_bytes < MOST_UNSENT_BYTES and time.monotonic() < until_s
+
+        is_done = connection.unread_bytes < MOST_UNSENT_BYTES and connection.go_on(may)
+        self.is_busy = not is_done
 
     def gone(self) -> None:
         """Drop what is not finished, and what the instrument still owes."""
@@ -200,14 +227,34 @@ class LineWire(Wire):
     def __init__(self, device: ByteDevice, release: Callable[[], None] = lambda: None) -> None:
         self._device = device
         self._release = release
+        self._backlog = bytearray()
 
-    def feed(self, data: bytes) -> None:
+    @property
+    def is_full(self) -> bool:
+        """Whether bytes are left that the device has to hear first."""
+        return bool(self._backlog)
+
+    def feed(self, data: bytes, until_s: float = math.inf) -> None:
         """Take bytes."""
-        self._device.write(data)
+        self._backlog += data
+        self._go_on(until_s)
 
-    def take(self) -> bytes:
+    def take(self, until_s: float = math.inf) -> bytes:
         """Give what is ready."""
-        return self._device.read(PORTION_BYTES)
+        self._go_on(until_s)
+        taken = self._device.read(PORTION_BYTES)
+        self.is_busy |= self._device.waiting > 0
+        return taken
+
+    def _go_on(self, until_s: float) -> None:
+        place = 0
+        while place < len(self._backlog) and self._device.waiting < MOST_UNSENT_BYTES:
+            self._device.write(bytes(self._backlog[place : place + _STRIDE_BYTES]))
+            place += _STRIDE_BYTES
+            if time.monotonic() >= until_s:
+                break
+        del self._backlog[:place]
+        self.is_busy = bool(self._backlog)
 
     def gone(self) -> None:
         """Let another client have the device."""

@@ -13,7 +13,7 @@ import math
 import time
 from typing import TYPE_CHECKING
 
-from sim.transports.channels import Wire
+from sim.transports.channels import MOST_UNSENT_BYTES, Wire
 from sim.transports.hislip_locks import LockAnswer, Locks
 from sim.transports.hislip_messages import (
     FIRST_VENDOR_KIND,
@@ -117,15 +117,15 @@ class HislipWire(Wire):
         """Whether a client that is locked out has sent more than is kept for it."""
         return len(self._reader) > _MOST_HELD_BYTES
 
-    def feed(self, data: bytes) -> None:
+    def feed(self, data: bytes, until_s: float = math.inf) -> None:
         """Take bytes, and do what their messages say."""
         if not self.finished:
             self._reader.feed(data)
-            self._go_on()
+            self._go_on(until_s)
 
-    def take(self) -> bytes:
+    def take(self, until_s: float = math.inf) -> bytes:
         """Give what this connection has to say."""
-        self._go_on()
+        self._go_on(until_s)
         self._await_lock()
         session = self._session
         if session:
@@ -142,21 +142,37 @@ class HislipWire(Wire):
         if self._session:
             self._port.close(self._session)
 
-    def _go_on(self) -> None:
-        """Do what complete messages say, as far as the locks of others allow."""
-        while not (self.finished or self._is_barred()):
+    def _go_on(self, until_s: float) -> None:
+        """Do what complete messages say, as far as time and the locks of others allow."""
+
+        def may() -> bool:
+            return time.monotonic() < until_s
+
+        self.is_busy = True
+        while not (self.finished or self._is_choked()):
+            if self._session and not (self._is_async or self._session.go_on(self._reader.following(), may)):
+                return
             try:
-                message = self._reader.next()
+                message = None if self._is_barred() else self._reader.next()
                 if message is None:
+                    self.is_busy = False
                     return
                 self._obey(message)
             except RefusedMessage as error:
                 if self._session is None:
                     self._end(Fatal.POOR_INITIALIZATION, error.text)
-                    return
-                self._own += Message(Kind.ERROR, error.code, 0, error.text.encode()).packed()
+                else:
+                    self._own += Message(Kind.ERROR, error.code, 0, error.text.encode()).packed()
             except FatalProblem as error:
                 self._end(error.code, error.text)
+            if not may():
+                return
+        self.is_busy = not self.finished
+
+    def _is_choked(self) -> bool:
+        if len(self._own) >= MOST_UNSENT_BYTES:
+            return True
+        return bool(self._session and not self._is_async and self._session.is_choked)
 
     def _is_barred(self) -> bool:
         session = self._session
@@ -187,7 +203,7 @@ class HislipWire(Wire):
         elif self._is_async:
             self._obey_async(self._session, message)
         elif message.kind in (Kind.DATA, Kind.DATA_END, Kind.TRIGGER, Kind.DEVICE_CLEAR_COMPLETE):
-            self._session.obey(message, self._reader.following())
+            self._session.obey(message)
         else:
             raise _unknown(message)
 

@@ -6,6 +6,7 @@ import struct
 from typing import TYPE_CHECKING
 
 from sim.devices.scpi.status import MASTER_BIT
+from sim.transports.channels import MOST_UNSENT_BYTES
 from sim.transports.hislip_messages import (
     DELIVERED,
     FIRST_ID,
@@ -17,6 +18,8 @@ from sim.transports.hislip_messages import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sim.devices.scpi import ScpiDevice
     from sim.transports.hislip_locks import Locks
 
@@ -67,15 +70,18 @@ class Session:
         said.clear()
         return taken
 
-    def obey(self, message: Message, following: tuple[int, int] | None) -> None:
-        """Take a message of the synchronous connection.
+    @property
+    def is_choked(self) -> bool:
+        """Whether as much is to be said as is held for a client that does not read."""
+        return any(len(said) >= MOST_UNSENT_BYTES for said in self._said.values())
+
+    def obey(self, message: Message) -> None:
+        """Take a message of the synchronous connection; `go_on` carries it out.
 
         Parameters
         ----------
         message : Message
             Data with or without their end, a trigger, or the end of a device clear.
-        following : tuple of int or None
-            Type and parameter of what the client has sent behind it already.
         """
         if message.kind == Kind.DEVICE_CLEAR_COMPLETE:
             self._end_clear()
@@ -89,11 +95,30 @@ class Session:
         self._is_unread = False
         self._last_id = message.parameter
         if message.kind == Kind.TRIGGER:
-            self._connection.write(b"*TRG\n", end=True)
+            self._connection.push(b"*TRG\n", end=True)
         else:
-            self._connection.write(message.payload, end=message.kind == Kind.DATA_END)
+            self._connection.push(message.payload, end=message.kind == Kind.DATA_END)
+
+    def go_on(self, following: tuple[int, int] | None, may: Callable[[], bool]) -> bool:
+        """Carry out what was taken, as long as `may` says so.
+
+        Parameters
+        ----------
+        following : tuple of int or None
+            Type and parameter of what the client has sent behind it already.
+        may : callable
+            As for `Connection.go_on`.
+
+        Returns
+        -------
+        bool
+            False when something is left.
+        """
+        if not self._connection.go_on(may):
+            return False
         if self._connection.has_answer and following and following[0] in _MESSAGES:
             self._interrupt(following[1])
+        return True
 
     def follow(self) -> None:
         """Say what the device has to say by now."""

@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from belahil.errors import LinkError
-from sim.transports.channels import HungUp, SocketChannel
+from sim.transports.channels import MOST_UNSENT_BYTES, HungUp, SocketChannel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     NewPace = Callable[[], LinePace]
 
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
-_MOST_UNSENT_BYTES = 1 << 20
-"""A client that lets more than that lie is not listened to until it reads."""
+_TURN_S = 0.01
+"""How long one client keeps the others waiting, beside what a single command takes."""
 _PORTION_BYTES = 1 << 18
 _LOOK_AGAIN_S = 0.05
 """How often a pseudo-terminal without a client is looked at: nothing tells when one comes."""
@@ -53,23 +53,27 @@ class _Client:
         data = self.channel.receive()
         if not data:
             raise ConnectionAbortedError("the client has left")
-        self.wire.feed(data)
+        until_s = time.monotonic() + _TURN_S
+        self.wire.feed(data, until_s)
         if self.pace is None and not self.unsent:
-            self._answer_at_once()
+            self._answer_at_once(until_s)
 
-    def _answer_at_once(self) -> None:
+    def _answer_at_once(self, until_s: float) -> None:
         """Send what a question gave before anything else is looked after: most clients wait for it."""
-        taken = self.wire.take()
+        taken = self.wire.take(until_s)
         if taken:
             self.unsent += taken[self.channel.send(taken) :]
-        self.is_served = not (self.unsent or self.wire.finished)
+        self.is_served = not (self.unsent or self.wire.finished or self.wire.is_busy)
 
     def pump(self, now_s: float) -> None:
         """Send what the device has to say, as far as time and the channel allow."""
-        while taken := self.wire.take():
+        until_s = time.monotonic() + _TURN_S
+        while self._has_room and (taken := self.wire.take(until_s)):
             self.unsent += taken
             if self.pace:
                 self.pace.queue(len(taken), now_s)
+            if time.monotonic() >= until_s:
+                break
         self.is_stuck = self.is_served = False
         while self.unsent and not self.is_stuck:
             count = min(_PORTION_BYTES, self.pace.ready(now_s) if self.pace else _PORTION_BYTES)
@@ -85,14 +89,21 @@ class _Client:
 
     def next_s(self, now_s: float) -> float:
         """Time when `pump` has something to do although nothing has arrived."""
+        due_s = self.wire.due_s
+        if self.wire.is_busy:
+            due_s = now_s if self._has_room else math.inf
         if self.pace is None or self.is_stuck:
-            return self.wire.due_s
-        return min(self.wire.due_s, self.pace.next_s(now_s))
+            return due_s
+        return min(due_s, self.pace.next_s(now_s))
+
+    @property
+    def _has_room(self) -> bool:
+        return len(self.unsent) < MOST_UNSENT_BYTES
 
     @property
     def events(self) -> int:
         """What to wait for."""
-        read = 0 if self.wire.is_full or len(self.unsent) >= _MOST_UNSENT_BYTES else _READ
+        read = _READ if self._has_room and not self.wire.is_full else 0
         return read | (_WRITE if self.is_stuck else 0)
 
 

@@ -80,9 +80,9 @@ class WaveConnection(Connection):
         super().__init__(instrument, exchange)
         self._data = WaveData()
 
-    def write(self, data: bytes, end: bool = False) -> None:
+    def push(self, data: bytes, end: bool = False) -> None:
         """Take bytes, see `WaveData`."""
-        super().write(self._data.feed(data, end), end)
+        super().push(self._data.feed(data, end), end)
 
     def clear(self) -> None:
         """Drop what was sent in part and what was not read."""

@@ -14,7 +14,12 @@ from sim.devices.scpi.status import OPERATION_COMPLETE, QUEUE_DEPTH, ScpiError, 
 from sim.devices.scpi.tree import Branch, Call, Found, HeaderTree
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from belahil.interfaces import Clock
+
+MOST_ANSWER_BYTES = 1 << 24
+"""A question is not answered any more when those before it in its message gave more (assumed)."""
 
 
 class _OwnClock:
@@ -202,33 +207,49 @@ class ScpiDevice:
     def bring_back(self, kept: object) -> None:
         """Make all settings what they were; what cannot be had any more is reported."""
 
-    def execute(self, message: Message, connection: Connection) -> None:
-        """Carry out a message and hand its answer, if it has one, to the connection."""
-        self._speaking = connection
+    def execute(self, message: Message, connection: Connection) -> Iterator[None]:
+        """Carry out a message and hand its answer, if it has one, to the connection.
+
+        It yields between units: there messages of others may come in between.
+        """
         answers: list[str] = []
         last: list[str] = []
-        self._answers = answers
-        branch, commanded = self.tree.root, False
-        for unit in parse(message):
-            if self._announce or self._owed:
-                self.follow()
-            try:
-                branch, answer = self._run(unit, branch, last)
-            except ScpiError as error:
-                self.report(error)
-                commanded = True
-                if error.is_command_error:
-                    break
-            else:
-                commanded |= answer is None
-                if answer is not None:
-                    answers.append(answer)
-        if commanded:
-            self.settled()
+        branch, commanded, held = self.tree.root, False, 0
+        try:
+            for place, unit in enumerate(parse(message)):
+                if place:
+                    yield
+                self._speaking, self._answers = connection, answers
+                if self._announce or self._owed:
+                    self.follow()
+                try:
+                    branch, answer = self._run(unit, branch, last)
+                except ScpiError as error:
+                    self.report(error)
+                    commanded = True
+                    if error.is_command_error:
+                        break
+                else:
+                    commanded |= answer is None
+                    if answer is not None:
+                        held = self._hold(answer, answers, held)
+                self._speaking, self._answers = self.own, []
+        finally:
+            self._speaking, self._answers = self.own, []
+            if commanded:
+                self.settled()
         if answers:
-            self._answers = []
             connection.answer(";".join(answers))
-        self._speaking = self.own
+
+    def _hold(self, answer: str, answers: list[str], held: int) -> int:
+        """Keep an answer for the end of its message; where they are too long, all are dropped: -430."""
+        if held > MOST_ANSWER_BYTES:
+            if answers:
+                answers.clear()
+                self.report(ScpiError(-430))
+            return held
+        answers.append(answer)
+        return held + len(answer)
 
     def _run(self, unit: Unit | ScpiError, branch: Branch, last: list[str]) -> tuple[Branch, str | None]:
         """Run a unit; `last` names a query of this message that no other may follow."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Iterator
 from typing import Literal, Protocol
 
 from sim.devices.scpi.framing import Framer, Message
@@ -17,8 +18,8 @@ OUTPUT_CAPACITY = 1024  # answers; assumed
 class Instrument(Protocol):
     """What a connection leads to."""
 
-    def execute(self, message: Message, connection: Connection) -> None:
-        """Do what a message says, and hand its answer to the connection."""
+    def execute(self, message: Message, connection: Connection) -> Iterator[None]:
+        """Do what a message says, and hand its answer to the connection; yield between its units."""
         ...
 
     def report(self, error: ScpiError) -> None:
@@ -61,7 +62,11 @@ class Connection:
         self._instrument = instrument
         self.exchange: Exchange = exchange
         self._framer = Framer(INPUT_CAPACITY)
+        self._sent: deque[tuple[bytes, bool]] = deque()
+        self._work: Iterator[None] | None = None
         self._output: deque[bytes] = deque()
+        self.unread_bytes = 0
+        """How long the answers are that wait to be read."""
         self.capacity = OUTPUT_CAPACITY
         """Most answers that wait to be read."""
         self.owed = False
@@ -77,18 +82,46 @@ class Connection:
         end : bool
             Whether the link marked the last byte as the end of a message.
         """
+        self.push(data, end)
+        self.go_on()
+
+    def push(self, data: bytes, end: bool = False) -> None:
+        """Take bytes as `write` does, for `go_on`."""
         if data and self.exchange == "message":
             self._interrupt()
-        for message in self._framer.feed(data, end):
-            if self.exchange == "message":
-                self._interrupt()
-            self._instrument.execute(message, self)
+        self._sent.append((data, end))
+
+    def go_on(self, may: Callable[[], bool] = lambda: True) -> bool:
+        """Execute what was pushed, at least one unit of a message, and then as long as `may` says so.
+
+        Returns
+        -------
+        bool
+            False when something may be left.
+        """
+        work, self._work = self._work or self._executed(), None
+        for _ in work:
+            if not may():
+                self._work = work
+                return False
+        return True
+
+    def _executed(self) -> Iterator[None]:
+        while self._sent:
+            self._framer.has_end = self.exchange == "message"
+            for message in self._framer.feed(*self._sent.popleft()):
+                if self.exchange == "message":
+                    self._interrupt()
+                yield from self._instrument.execute(message, self)
+                yield
 
     def read(self) -> bytes | None:
         """Return the next complete answer with its line feed, None when there is none."""
         self._instrument.follow()
         if self._output:
-            return self._output.popleft()
+            answer = self._output.popleft()
+            self.unread_bytes -= len(answer)
+            return answer
         if self.exchange == "message" and not self.owed:
             self._framer.reset()
             self._instrument.report(ScpiError(-420))
@@ -96,8 +129,10 @@ class Connection:
 
     def clear(self) -> None:
         """Device clear: drop what was sent in part and what was not read; settings and errors stay."""
+        self._sent.clear()
+        self._work = None
         self._framer.reset()
-        self._output.clear()
+        self._drop_answers()
         self._instrument.forget(self)
 
     def read_stb(self) -> int:
@@ -107,7 +142,7 @@ class Connection:
 
     def interrupted(self) -> None:
         """Take notice from the link that an answer which it holds will not be read: error -410."""
-        self._output.clear()
+        self._drop_answers()
         self._instrument.report(ScpiError(-410))
 
     def answer(self, text: str) -> None:
@@ -115,12 +150,18 @@ class Connection:
         if len(self._output) >= self.capacity:
             self._instrument.report(ScpiError(-430))
         else:
-            self._output.append(text.encode("latin-1") + b"\n")
+            answer = text.encode("latin-1") + b"\n"
+            self._output.append(answer)
+            self.unread_bytes += len(answer)
 
     @property
     def has_answer(self) -> bool:
         """Whether an answer waits to be read."""
         return bool(self._output)
+
+    def _drop_answers(self) -> None:
+        self._output.clear()
+        self.unread_bytes = 0
 
     def _interrupt(self) -> None:
         self._instrument.follow()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -47,10 +47,14 @@ class Framer:
     ----------
     capacity : int
         Most bytes of one message; a longer one is read over, and reported as -363.
+    has_end : bool
+        Whether the link has END. Where it has none an indefinite block would never be over: it is error
+        -161, and so is what follows it up to the next line feed.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, has_end: bool = True) -> None:
         self._capacity = capacity
+        self.has_end = has_end
         self.reset()
 
     def reset(self) -> None:
@@ -62,13 +66,14 @@ class Framer:
         self._head = b""
         self._quote = b""
         self._size = 0
+        self._is_refused = False
 
-    def feed(self, data: bytes, end: bool) -> list[Message]:
-        """Take more of the stream and return the messages that it completes."""
+    def feed(self, data: bytes, end: bool) -> Iterator[Message]:
+        """Take more of the stream and yield the messages that it completes, each when it is asked for."""
         if not (self._size or self._head or len(data) > self._capacity) and _PLAIN.fullmatch(data):
-            return [Message(data[:-1].decode("latin-1"), {})]
+            yield Message(data[:-1].decode("latin-1"), {})
+            return
         data, self._head = self._head + data, b""
-        messages: list[Message] = []
         place = 0
         while place < len(data):
             if self._missing:
@@ -80,14 +85,13 @@ class Framer:
             place = stop + 1
             mark = found.group() if found else b""
             if mark == b"\n":
-                messages.append(self._take())
+                yield self._take()
             elif mark == b"#" and not self._quote and self._text.endswith(_BEFORE_BLOCK):
                 place = self._open(data, place, end)
             else:
                 self._literal(mark)
         if end and (self._text or self._missing):
-            messages.append(self._take())
-        return messages
+            yield self._take()
 
     def _literal(self, mark: bytes) -> None:
         if mark == self._quote:
@@ -98,6 +102,8 @@ class Framer:
         self._keep(b" " if mark == b"\x00" else mark)
 
     def _keep(self, piece: bytes) -> None:
+        if self._is_refused:
+            return
         if self._fits(len(piece)):
             self._text += piece
         else:
@@ -113,6 +119,10 @@ class Framer:
         if count and not count.isdigit():
             self._keep(b"#")
             return place
+        if count == b"0" and not (end or self.has_end):
+            self._close(ScpiError(-161, "an indefinite block needs END, which this link does not have"))
+            self._is_refused = True
+            return place + 1
         if count == b"0":
             self._missing = _UNTIL_END
             return place + 1
