@@ -12,12 +12,12 @@ import serial
 
 from belahil.bench import open_bench
 from belahil.config import parse_bench
-from belahil.errors import InstrumentRefused
+from belahil.errors import InstrumentRefused, LinkError
 from belahil.stimuli import NoSignal
 from belahil.values import WindowRequest
 from drivers.serial_link import open_serial
 from sim.transports.one_receiver import TAKEN
-from sim.transports.server import Serving
+from sim.transports.server import Serving, serve
 from tests.served import RawClient, port_of, served
 
 NO_PTY = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
@@ -167,6 +167,31 @@ def test_whoever_listens_to_strangers_is_warned(host: str, warned: bool) -> None
         assert [line.startswith("listening at 0.0.0.0: whoever") for line in lines] == [True] * warned
         # and the place that is told can be reached from elsewhere
         assert "0.0.0.0" not in places.address
+
+
+@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="this computer has no IPv6")
+def test_this_computer_is_reached_by_ipv6_too() -> None:
+    with served(Serving(host="::1")) as (places, lines):
+        # then places are told with brackets, and who cannot use them; nobody is warned of strangers
+        assert places.address.startswith("TCPIP::[::1]::")
+        assert [line.partition(":")[0] for line in lines] == ["PyVISA takes no name with ["]
+        port = int(places.address.split("::")[-2])
+        with socket.create_connection(("::1", port), timeout=10) as client:
+            client.sendall(b"*OPC?\n")
+            assert client.makefile("rb").readline() == b"1\n"
+        open_serial(places.link).close()
+
+
+@pytest.mark.parametrize(
+    ("host", "why"),
+    [("nonsense.invalid", "not known|No address|failure"), ("a" * 70, "no name can be so|not known")],
+)
+def test_a_host_without_an_address_is_told_in_one_line(host: str, why: str) -> None:
+    with pytest.raises(
+        LinkError, match=rf"^--host {host}: .*({why}).*; allowed: a name or an address"
+    ) as told:
+        serve(parse_bench(""), lambda places: None, Serving(host=host))
+    assert "\n" not in str(told.value)
 
 
 def test_ports_are_free_again_when_the_server_has_stopped() -> None:

@@ -8,7 +8,7 @@ import signal
 import socket
 import sys
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -26,7 +26,7 @@ from sim.transports.channels import PtyChannel, ScpiWire, Wire
 from sim.transports.hislip import HislipPort, sub_address
 from sim.transports.line_pace import LinePace
 from sim.transports.one_receiver import OneReceiver
-from sim.transports.server_loop import Server
+from sim.transports.server_loop import Server, bracketed, resolved
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -116,7 +116,7 @@ def serve(
     Raises
     ------
     LinkError
-        A port cannot be had.
+        The host has no address, or a port cannot be had.
     RefusedInput
         A pseudo-terminal where the system has none.
     ConfigError
@@ -164,6 +164,8 @@ def serve(
         if not _is_loopback(how.host):
             tell(f"listening at {how.host}: whoever reaches this computer can use the bench; no password")
         host = _reached_as(how.host)
+        if host.startswith("["):
+            tell(f"PyVISA takes no name with {host}: for VISA listen at a host name, or at 127.0.0.1")
         by_hislip = [
             f"TCPIP::{host}::{sub_address(place)},{hislip_port}::INSTR" for place in range(len(spoken_to))
         ]
@@ -188,14 +190,13 @@ def _network_pace(how: Serving) -> Callable[[], LinePace] | None:
 
 def _is_loopback(host: str) -> bool:
     """Whether only this computer reaches what listens at `host`."""
-    with suppress(OSError, ValueError):
-        return ipaddress.ip_address(socket.gethostbyname(host)).is_loopback
-    return False
+    _, address = resolved(host)
+    return ipaddress.ip_address(address[0]).is_loopback
 
 
 def _reached_as(host: str) -> str:
     """Name for clients: where all addresses are listened at, that of this computer."""
-    return socket.gethostname() if host in ("", "0.0.0.0") else host
+    return socket.gethostname() if host in ("", "0.0.0.0", "::") else bracketed(host)
 
 
 def _warm_up(config: BenchConfig) -> None:

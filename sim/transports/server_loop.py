@@ -11,7 +11,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from belahil.errors import LinkError
 from sim.transports.channels import MOST_UNSENT_BYTES, HungUp, SocketChannel
@@ -184,14 +184,14 @@ class Server:
         Raises
         ------
         LinkError
-            The port cannot be had.
+            The host has no address, or the port cannot be had.
         """
+        family, address = resolved(host, port)
         try:
-            listener = socket.create_server((host, port))
+            listener = socket.create_server(address, family=family)
         except OSError as error:
-            number = 0 if isinstance(error, socket.gaierror) else error.errno
-            why = os.strerror(number) if number else error.strerror or error
-            raise LinkError(f"{host}:{port}: {why}; nothing can be served there") from error
+            why = os.strerror(error.errno) if error.errno else error
+            raise LinkError(f"{bracketed(host)}:{port}: {why}; nothing can be served there") from error
         listener.setblocking(False)
         self._listeners.append(listener)
         bound: int = listener.getsockname()[1]
@@ -314,5 +314,29 @@ class Server:
             client.channel.close()
 
 
+def resolved(host: str, port: int = 0) -> tuple[socket.AddressFamily, Any]:
+    """Return the family and the address that a host name, or an address of IPv4 or IPv6, stands for.
+
+    Raises
+    ------
+    LinkError
+        There is none.
+    """
+    try:
+        found = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "no name can be so"
+        raise LinkError(
+            f"--host {host}: {why}; allowed: a name or an address of this computer, such as 127.0.0.1 or ::1"
+        ) from error
+    family, _, _, _, address = found[0]
+    return family, address
+
+
+def bracketed(host: str) -> str:
+    """Write a host as it stands before a port: an address of IPv6 has brackets there."""
+    return f"[{host}]" if ":" in host else host
+
+
 def _place(peer: tuple[str, int]) -> str:
-    return f"{peer[0]}:{peer[1]}"
+    return f"{bracketed(peer[0])}:{peer[1]}"
