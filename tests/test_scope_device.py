@@ -114,6 +114,7 @@ def test_a_tektronix_answers_with_headers_and_long_words_until_it_is_told_otherw
     ("driver", "refused", "question", "answer"),
     [
         ("rigol-ds1000z", ":RUN;:ACQ:MDEP 1E400", ":ACQ:MDEP?", "12000"),
+        ("rigol-ds1000z", ":CHAN1:BWL 20M;BWL ON", ":CHAN1:BWL?", "20M"),
         ("siglent-sds", f"MSIZ {'9' * 400}M", "MSIZ?", "14K"),
         ("siglent-sds", "BWL C1,'\xb5'", "BWL?", "C1,OFF,C2,OFF,C3,OFF,C4,OFF"),
         ("siglent-sds", "BWL C1,OFF,C9,ON", "BWL?", "C1,OFF,C2,OFF,C3,OFF,C4,OFF"),
@@ -128,6 +129,17 @@ def test_what_cannot_be_is_refused_and_changes_nothing(
     ask(device, refused)
     assert ask(device, question) == answer
     assert ask(device, "SYST:ERR?").startswith("-2")
+
+
+def test_a_positive_trigger_delay_of_a_siglent_is_later() -> None:
+    # given a screen of 14 us about the trigger, as a user measured it on an instrument
+    device = scope("siglent-sds")
+    for delay_s in (0.0, 20e-6, -2e-6):
+        ask(device, f"TDIV 1E-6;TRDL {delay_s};TRMD SINGLE;FRTR")
+        record = device.record()
+        assert record is not None
+        # then its middle is as much after the trigger as the delay says
+        assert record.start_s == pytest.approx(delay_s - 7e-6, abs=1e-15)
 
 
 def test_no_answer_follows_a_waveform_with_a_line_feed_too_many() -> None:

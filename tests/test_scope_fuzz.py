@@ -37,7 +37,7 @@ OWN = {
         b":STOP", b":SING;:TRIG:STAT?", b":TFOR;:TRIG:STAT?", b":RUN;:ACQ:MDEP 12000;:STOP;:ACQ:MDEP?",
         b":RUN;:ACQ:MDEP 120000", b":RUN;:ACQ:MDEP 1E400;MDEP 12000000", b":CLE;:TRIG:SWE SING",
         b":SING;:TFOR;:TRIG:STAT?", b":SING;:TFOR",
-        b":CHAN1:SCAL 0.1;OFFS -0.2;SCAL?;OFFS?", b":CHAN4:PROB 10;COUP AC;BWL ON;VERN 1",
+        b":CHAN1:SCAL 0.1;OFFS -0.2;SCAL?;OFFS?", b":CHAN4:PROB 10;COUP AC;BWL 20M;VERN 1;BWL?",
         b":TIM:MAIN:SCAL 1E-5;OFFS 6E-5;SCAL?", b":TIM:SCAL 5 NS;:ACQ:SRAT?", b":TIM:MAIN:OFFS -500",
         b":TRIG:SPI:WIDT 32;DATA 7;DATA?", b":TRIG:SPI:DATA 4294967295;:SING", b":TRIG:SPI:WIDT 4",
         b":WAV:SOUR CHAN1;MODE RAW;FORM BYTE;STAR 1;STOP 1200;PRE?;DATA?", b":WAV:FORM WORD;DATA?",
@@ -72,7 +72,7 @@ OWN = {
 
 ITEMS = {
     # Rigol's exponents are small letters; Siglent's words and numbers have no form of their own.
-    "rigol-ds1000z": rb"(?:[+-]?\d\.\d+e[+-]\d\d|%b)" % ITEM,
+    "rigol-ds1000z": rb"(?:[+-]?\d\.\d+e[+-]\d\d|20M|%b)" % ITEM,
     "siglent-sds": rb"(?:[A-Za-z0-9.+-]+|%b)" % ITEM,
     "tektronix-mso": HEADER + ITEM,
 }

@@ -4,9 +4,9 @@ Answers have no header (``CHDR OFF``). The internal state register tells of a tr
 and of a signal that was acquired (bit 0). There is no preamble: volts a division, seconds a division, and
 the sample rate describe the record, with three digits. The shot goes into the first point of the waveform
 setup, one more than its number, since 0 is what stands there without one. The setup is set anew before the
-record is read; so the shot cannot be read back afterwards. Assumed:
-that the setup takes it, the sign of the trigger delay (negative is later, about the middle of the screen),
-and how answers are spelt.
+record is read; so the shot cannot be read back afterwards. A positive trigger delay is later, as somebody
+measured on an SDS1000CML+ and the older words of LeCroy are not. Assumed: that the setup takes the shot, that
+the delay is about the middle of the screen, and how answers are spelt.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class SiglentDialect:
     def _times(self, setting: ScopeSetting) -> tuple[Item, Item]:
         """Return what says when the record begins, and how far it reaches."""
         span_s = setting.points * setting.interval_s
-        return _item("TDIV", span_s / self.model.divisions), _item("TRDL", -(setting.start_s + span_s / 2))
+        return _item("TDIV", span_s / self.model.divisions), _item("TRDL", setting.start_s + span_s / 2)
 
     def _state(self, session: ScpiSession) -> int:
         (state,) = numbers(session.ask("INR?")[0], 1, "internal state")

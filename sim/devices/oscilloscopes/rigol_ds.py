@@ -15,6 +15,7 @@ from sim.devices.generator_settings import Number, Switch, Word
 from sim.devices.oscilloscopes.acquisition import ScopeDevice, ScopeFront, ScopePort, Sources, block
 from sim.devices.scpi.numeric import SECOND, VOLT, read_number
 from sim.devices.scpi.parameters import Choices, read_integer
+from sim.devices.scpi.parser import Token
 from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call
 
@@ -22,10 +23,20 @@ LARGEST_PIECE = {"BYTE": 250_000, "WORD": 125_000}
 CODES_A_DIVISION = 25
 _SHOT_BITS = 32
 _SOURCES = Sources("EXT", "AC")
+
+
+class _Limits(Choices):
+    """The bandwidth's limit, which begins with a digit, or none."""
+
+    def read(self, token: Token) -> str:
+        """Return what was sent."""
+        return "20M" if token.text.upper() == "20M" else super().read(token)
+
+
 _SETTINGS = (
     Switch("CHANnel#:DISPlay", "display"),
     Word("CHANnel#:COUPling", "coupling", Choices("AC", "DC", "GND")),
-    Word("CHANnel#:BWLimit", "bandwidth_limit", Choices("OFF", "ON")),
+    Word("CHANnel#:BWLimit", "bandwidth_limit", _Limits("OFF")),
     Switch("CHANnel#:VERNier", "vernier"),
     Number("CHANnel#:PROBe", "probe", None, 0.01, 1000.0, 10.0),
     Number("CHANnel#:SCALe", "scale_v", VOLT, 1e-3, 100.0, 1.0),

@@ -1,8 +1,8 @@
 """A Siglent oscilloscope of the SDS1000X-E series, as its older messages make it appear.
 
 Words and the internal state register are those of the public programming guide. Assumed: how answers without
-headers are spelt, that the first point of the waveform setup takes any whole number, and that a negative
-trigger delay moves the record to later times, about the middle of the screen.
+headers are spelt, that the first point of the waveform setup takes any whole number, and that the trigger
+delay, which is positive for later times, is about the middle of the screen.
 
 What this does not model: answers with headers (``CHDR SHORT`` and ``LONG`` are taken and not followed),
 sparse waveforms, and other triggers than the external one.
@@ -101,7 +101,7 @@ class SiglentScope(ScopeDevice):
         span_s = self.division_s * self.model.divisions
         full_scale_v = self.division_v / CODES_A_DIVISION * self.model.code_count
         interval_s = self.interval_over(span_s, self.depth)
-        start_s = -self.delay_s - interval_s * self.depth / 2
+        start_s = self.delay_s - interval_s * self.depth / 2
         return full_scale_v, -self.offset_v, interval_s, start_s, self.depth
 
     def acquired(self) -> None:
