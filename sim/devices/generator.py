@@ -6,13 +6,15 @@ nothing is played: a shape that is not emulated puts error +901 into the queue w
 is on, and everything that is not played sets bit 12 of ``STATus:QUEStionable:CONDition``.
 
 What this does not model: the time that a setting takes, autorange clicks, what a modulation or a sweep does
-(all of it is remembered), angles in other units than degrees, sequences,
-mass memory, the output of the second channel, the frequency of an arbitrary waveform (``FREQ`` is kept apart
-from its sample rate), and the ties between pulse width, duty cycle, edges and period.
+(all of it is remembered), what coupled channels, a marker, the clock and the network do, angles in other
+units than degrees, sequences, mass memory, the output of the second channel, the frequency of an arbitrary
+waveform (``FREQ`` is kept apart from its sample rate), and the ties between pulse width, duty cycle, edges
+and period.
 """
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from sim.devices.generator_arb_commands import add_arb_commands
@@ -34,6 +36,12 @@ from sim.devices.generator_settings import (
     OTHER_NAMES,
     SHARED_SETTINGS,
     channel_settings,
+)
+from sim.devices.generator_system import (
+    NO_SETTINGS,
+    add_system_commands,
+    marker_settings,
+    system_settings,
 )
 from sim.devices.scpi.parameters import read_name
 from sim.devices.scpi.status import ScpiError
@@ -57,7 +65,6 @@ class GeneratorDevice(EmulatedGenerator):
     """
 
     channels: list[Channel]
-    shared_fields = tuple(setting.field for setting in SHARED_SETTINGS)
     learns = True
     learn_first = (
         "OUTPut#:LOAD",
@@ -79,6 +86,7 @@ class GeneratorDevice(EmulatedGenerator):
             "[SOURce#:]FUNCtion:ARBitrary:PERiod",
             "[SOURce#:]FUNCtion:ARBitrary:PTPeak",
             *OTHER_NAMES,
+            *NO_SETTINGS,
             "DISPlay:TEXT",
         }
     )
@@ -93,6 +101,9 @@ class GeneratorDevice(EmulatedGenerator):
         super().__init__(model, port, serial_number, firmware)
         self._arbs = [ArbMemory(model) for _ in range(model.channels)]
         self.display = ""
+        self._system = system_settings(model)
+        rows = (*SHARED_SETTINGS, *(row for row, _ in self._system))
+        self.shared_fields = tuple(row.field for row in rows)
         self._set_defaults()
         self._add_commands()
 
@@ -107,6 +118,8 @@ class GeneratorDevice(EmulatedGenerator):
         self.beeper = True
         self.angle_unit = "DEG"
         self.display_on = True
+        for row, value in self._system:
+            setattr(self, row.field, value)
 
     def reset(self) -> None:
         """Bring all settings to their defaults; waveforms in memory stay (assumed)."""
@@ -134,10 +147,14 @@ class GeneratorDevice(EmulatedGenerator):
         add_limit_commands(commands, "[SOURce#:]VOLTage:LIMit")
         add_load_command(commands, "OUTPut#:LOAD")
         add_arb_commands(commands, self.model.max_points, lambda: self.byte_order == "SWAP")
-        for setting in (*channel_settings(self.model), *modulation_settings(self.model)):
+        of_channels = channel_settings, modulation_settings, marker_settings
+        for setting in chain.from_iterable(settings(self.model) for settings in of_channels):
             setting.enter(self.tree, self._choose)
         for setting in SHARED_SETTINGS:
             setting.enter(self.tree, lambda call: self)
+        for row, _ in self._system:
+            row.enter(self.tree, lambda call: self)
+        add_system_commands(self)
         self.tree.add("ABORt", Action(lambda call: self.stop()))
         self.tree.add("SYSTem:BEEPer[:IMMediate]", Action(lambda call: None))
         self.tree.add("DISPlay:TEXT", Action(self._show, 1, 1), Action(self._shown))

@@ -42,11 +42,17 @@ class Channel(Modulated):
     trigger_timer_s: float = 1.0
     trigger_count: float = 1.0
     output_mode: str = "NORM"
+    marker_cycle: float = 2.0
+    marker_hz: float = 500.0
+    marker_point: float = 10.0
+    sync_mode: str = "NORM"
+    sync_polarity: str = "NORM"
+    combined: str = "NONE"
 
     @property
     def is_changed(self) -> bool:
-        """Whether anything changes the waveform while it plays, or gates it."""
-        return self.is_modulated or self.output_mode == "GAT"
+        """Whether anything changes the waveform while it plays, gates it, or is added to it."""
+        return self.is_modulated or self.output_mode == "GAT" or self.combined != "NONE"
 
     @property
     def most_hz(self) -> float:

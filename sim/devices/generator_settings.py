@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from belahil.generators import GeneratorModel, round_to_step
-from sim.devices.generator_levels import Levels
 from sim.devices.scpi.numeric import (
     DEGREE,
     HERTZ,
@@ -18,9 +17,19 @@ from sim.devices.scpi.numeric import (
     answer_number,
 )
 from sim.devices.scpi.parameters import Choices, read_boolean, read_limit, read_within
+from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call, HeaderTree
 
-Choose = Callable[[Call], Levels]
+
+class Reporting(Protocol):
+    """What has settings, and hears of values beyond their limits."""
+
+    def report(self, error: ScpiError, /) -> None:
+        """Take an error that does not stop the command."""
+        ...
+
+
+Choose = Callable[[Call], Reporting]
 Answer = Callable[[float], str]
 ChooseAny = Callable[[Call], object]
 

@@ -89,9 +89,9 @@ class InfiniiVision(ScopeDevice):
         super().__init__(port, front)
         self._set_defaults()
         for setting in _SETTINGS:
-            setting.enter(self.tree, lambda call: self)  # type: ignore[arg-type,return-value]
+            setting.enter(self.tree, lambda call: self)
         if _SMALL.match(self.model.name):
-            _EXTERNAL_LEVEL.enter(self.tree, lambda call: self)  # type: ignore[arg-type,return-value]
+            _EXTERNAL_LEVEL.enter(self.tree, lambda call: self)
         self._add_commands()
 
     def _set_defaults(self) -> None:

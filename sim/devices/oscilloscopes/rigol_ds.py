@@ -74,7 +74,7 @@ class RigolScope(ScopeDevice):
         super().__init__(port, front)
         self._set_defaults()
         for setting in _SETTINGS:
-            setting.enter(self.tree, lambda call: self)  # type: ignore[arg-type,return-value]
+            setting.enter(self.tree, lambda call: self)
         self._add_commands()
 
     def _set_defaults(self) -> None:

@@ -68,7 +68,7 @@ class SiglentScope(ScopeDevice):
         for word in _WORDS:
             word.enter(self.tree, lambda call: self)
         for number in _NUMBERS:
-            number.enter(self.tree, lambda call: self)  # type: ignore[arg-type,return-value]
+            number.enter(self.tree, lambda call: self)
             self.tree.add(number.header, self._setter(number.header), Action(self._told(number.field)))
         self._add_commands()
 

@@ -77,7 +77,7 @@ class TektronixScope(ScopeDevice):
         self._set_defaults()
         common = set(self.tree.actions)
         for setting in _SETTINGS:
-            setting.enter(self.tree, lambda call: self)  # type: ignore[arg-type,return-value]
+            setting.enter(self.tree, lambda call: self)
         self._add_commands()
         self._dress_answers(common)
 
