@@ -51,7 +51,7 @@ def mutated(line: bytes, others: list[bytes], draw: random.Random) -> bytes:
 
 def without_blocks(answer: bytes) -> bytes:
     """Return an answer with a 0 for each block that is as long as it says."""
-    begins = re.compile(rb"(?:(?<=[,; ])|^)#([1-9])")
+    begins = re.compile(rb"(?:(?<=[,;])|(?<=:CURVE )|(?<=:CURV )|^)#([1-9])")
     place = 0
     while found := begins.search(answer, place):
         place = found.start()
