@@ -2,8 +2,8 @@
 
 Words, states and the meaning of the waveform's description are those of public programmer manuals. After a
 reset an answer repeats its header (``HEADer``), and both are in their long form (``VERBose``). Assumed: how
-many digits its numbers have, that ten divisions span all codes, its bandwidth, and that it has an auxiliary
-input.
+many digits its numbers have, that ten divisions span all codes, its bandwidth, that ``*RST`` switches
+both on, and that it has an auxiliary input.
 
 What this does not model: other encodings than ``RIBinary`` and ``RPBinary``, bandwidth limits, and other
 triggers than the auxiliary input.
