@@ -32,6 +32,8 @@ OWN = {
         b":WAV:SOUR CHAN2;DATA?", b":WAV:DATA?", b":WAV:XINC?;XOR?;XREF?;YINC?;YOR?;YREF?",
         b":TRIG:EDGE:SOUR EXT;SLOP POS;:EXT:LEV 1;LEV?",
         b":TRIG:EDGE:LEV 1,CHAN2;LEV? CHAN2", b":TIM:MODE MAIN;:ACQ:TYPE NORM",
+        b":CHAN1:SCAL 0.1;SCAL?;INV 0;:CHAN2?;:TIM:SCAL 1E-5;SCAL?;:TIM?", b":CHAN1:INV 1;:SING;:CHAN1:INV 0",
+        b":ACQ:COUN 8;MODE RTIM;COUN?", b":WAV:POIN 100;POIN?", b":SYST:PRES",
     ],
     "rigol-ds1000z": [
         b":STOP", b":SING;:TRIG:STAT?", b":TFOR;:TRIG:STAT?", b":RUN;:ACQ:MDEP 12000;:STOP;:ACQ:MDEP?",
@@ -43,10 +45,12 @@ OWN = {
         b":WAV:SOUR CHAN1;MODE RAW;FORM BYTE;STAR 1;STOP 1200;PRE?;DATA?", b":WAV:FORM WORD;DATA?",
         b":WAV:FORM ASC;STAR 5;STOP 100;DATA?", b":WAV:STAR 1000;STOP 10;DATA?;STOP?", b":WAV:PRE?",
         b":TRIG:EDG:SOUR EXT;SLOP POS;LEV 1;LEV?", b":WAV:STOP 250001;DATA?", b":ACQ:TYPE NORM",
+        b":WAV:MODE NORM;POIN 1200;DATA?", b":WAV:MODE MAX;POIN?;XINC?;XOR?;XREF?;YINC?;YOR?;YREF?",
     ],
     "siglent-sds": [
         b"STOP", b"TRMD SINGLE;INR?", b"FRTR;INR?;SAST?", b"ARM;FRTR", b"TRMD AUTO;TRMD?", b"CHDR OFF;CHDR?",
         b"C1:VDIV 0.1;C1:OFST 10MV;C1:VDIV?;C1:OFST?", b"C4:ATTN 10;C2:CPL A1M;C3:TRA OFF",
+        b"ACQW AVERAGE,16;ACQW?;AVGA 4;AVGA?", b"C1:TRLV 0.1;C1:TRSL NEG;CMR?;EXR?",
         b"TDIV 1E-6;TRDL -7E-6;TDIV?;TRDL?", b"TDIV 1NS;SARA?;SANU? C1", b"MSIZ 14K;MSIZ?", b"MSIZ 140K",
         b"MSIZ 1.4M", b"MSIZ 9999999K", b"WFSU SP,1,NP,0,FP,0;WFSU?", b"WFSU FP,7;TRMD SINGLE",
         b"WFSU SP,4,NP,100,FP,14000", b"C1:WF? DAT2", b"C2:WF? DAT2", b"C1:WF? DESC", b"C1:WF? DAT2;*OPC?",
@@ -71,6 +75,8 @@ OWN = {
 
 
 ITEMS = {
+    # All settings of a channel, or of time, come behind their headers.
+    "keysight-infiniivision": rb"(?::?[A-Z0-9:]+ )?" + ITEM,
     # Rigol's exponents are small letters; Siglent's words and numbers have no form of their own.
     "rigol-ds1000z": rb"(?:[+-]?\d\.\d+e[+-]\d\d|20M|%b)" % ITEM,
     "siglent-sds": rb"(?:[A-Za-z0-9.+-]+|%b)" % ITEM,
@@ -94,7 +100,8 @@ class Watched:
         assert request.shot <= LARGEST_SHOT
         assert (request.gain_code, request.products, request.source) == (None, "window", "return")
         assert request.trigger in ("immediate", "generator")
-        assert model.record_lengths[0] <= request.sample_count <= model.record_lengths[-1]
+        least = 100 if model.maker.startswith("KEYSIGHT") else model.record_lengths[0]
+        assert least <= request.sample_count <= model.record_lengths[-1]
         assert 1e-4 < self.full_scale_v <= 1100
         assert abs(self.offset_v) <= 1000
         assert 1 / model.max_rate_hz * (1 - 1e-12) <= self.interval_s <= 1.0

@@ -1,11 +1,16 @@
 """A Keysight InfiniiVision oscilloscope of the 1000 to 4000 X-Series, as messages make it appear.
 
-Formats, special codes and registers are those of the public programmer's guides of these series. Assumed: how
-many digits its numbers have, that a screen of eight divisions spans all 256 codes, and what :SRATe answers.
+Formats, special codes and registers are those of the public programmer's guides of these series. Assumed:
+how many digits its numbers have, that a screen of eight divisions spans all 256 codes, and what :SRATe
+answers.
 
 What this does not model: a message that waits (``:DIGitize`` arms like ``:SINGle``, and takes a record at
-once with the sweep AUTO), and trigger sources other than the external one, where the generator is connected.
-Only an instrument of the 1000 X-Series has ``:EXTernal:LEVel``; assumed: and the external level nowhere else.
+once with the sweep AUTO), and trigger sources other than the external one, where the generator is
+connected. Remembered and told alone: averages, peaks and probes. With an inverted channel or segmented
+memory no record is taken, and error -221 tells of it. Also not here: measurements, ``:AUToscale``, setups
+and pictures. What ``:CHANnel?`` and ``:TIMebase?`` answer has the words of public drivers that read it.
+Only an instrument of the 1000 X-Series has ``:EXTernal:LEVel``; assumed: and the external level nowhere
+else.
 """
 
 from __future__ import annotations
@@ -37,7 +42,10 @@ if TYPE_CHECKING:
 
 RUN_BIT = 1 << 3
 DIVISIONS = 8
+DIVISIONS_S = 10
 LONGEST_LABEL = 10
+_SHORT = (100, 250, 500)
+"""Points of records that are too short for windows."""
 _SMALL = re.compile(r"DSOX1\d{3}")
 _SHOT = re.compile(r"SHOT (\d+)|S(\d+)|(\d{10})")
 _EDGE = Choices("POSitive", "NEGative", "EITHer", "ALTernate")
@@ -50,6 +58,7 @@ _SETTINGS = (
     Word("CHANnel#:COUPling", "coupling", Choices("AC", "DC")),
     Word("CHANnel#:IMPedance", "impedance", Choices("ONEMeg", "FIFTy")),
     Switch("CHANnel#:BWLimit", "bandwidth_limit"),
+    Switch("CHANnel#:INVert", "inverted"),
     Number("CHANnel#:PROBe", "probe", None, 0.1, 1e4, 1.0),
     Number("CHANnel#:RANGe", "range_v", VOLT, 4e-3, 80.0, 8.0),
     Number("CHANnel#:OFFSet", "offset_v", VOLT, -500.0, 500.0, 0.0),
@@ -63,12 +72,19 @@ _SETTINGS = (
     Word("TRIGger[:EDGE]:SOURce", "trigger_source", _SOURCES),
     Word("TRIGger[:EDGE]:SLOPe", "trigger_slope", _EDGE),
     Word("ACQuire:TYPE", "acquisition", Choices("NORMal", "AVERage", "HRESolution", "PEAK")),
+    Number("ACQuire:COUNt", "averages", None, 2.0, 65536.0, 8.0, step=1.0),
+    Word("ACQuire:MODE", "memory_mode", Choices("RTIMe", "SEGMented")),
     Word("WAVeform:SOURce", "source", _SOURCES),
     Word("WAVeform:FORMat", "format", Choices("BYTE", "WORD", "ASCii")),
     Word("WAVeform:BYTeorder", "byte_order", Choices("LSBFirst", "MSBFirst")),
     Switch("WAVeform:UNSigned", "unsigned"),
     Word("WAVeform:POINts:MODE", "points_mode", Choices("NORMal", "MAXimum", "RAW")),
 )
+_OTHER_WORDS = (
+    Number("CHANnel#:SCALe", "scale_v", VOLT, 5e-4, 10.0, 1.0),
+    Number("TIMebase:SCALe", "scale_s", SECOND, 2e-9, 50.0, 1e-4),
+)
+"""For what is set already: by the division."""
 
 
 class InfiniiVision(ScopeDevice):
@@ -88,7 +104,7 @@ class InfiniiVision(ScopeDevice):
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         super().__init__(port, front)
         self._set_defaults()
-        for setting in _SETTINGS:
+        for setting in (*_SETTINGS, *_OTHER_WORDS):
             setting.enter(self.tree, lambda call: self)
         if _SMALL.match(self.model.name):
             _EXTERNAL_LEVEL.enter(self.tree, lambda call: self)
@@ -100,6 +116,7 @@ class InfiniiVision(ScopeDevice):
         self.levels_v: dict[str, float] = {}
         self.display, self.bandwidth_limit, self.unsigned = True, False, True
         self.coupling, self.impedance, self.label = "DC", "ONEM", "1"
+        self.inverted, self.averages, self.memory_mode = False, 8.0, "RTIM"
         self.timebase, self.reference = "MAIN", "CENT"
         self.trigger_mode, self.sweep, self.trigger_source, self.trigger_slope = (
             "EDGE",
@@ -110,6 +127,24 @@ class InfiniiVision(ScopeDevice):
         self.acquisition, self.source, self.format, self.byte_order = "NORM", "CHAN1", "BYTE", "MSBF"
         self.points_mode, self.points = "NORM", 1000
         self.armed_event = self.trigger_event = False
+
+    @property
+    def scale_v(self) -> float:
+        """Volts of one division."""
+        return self.range_v / DIVISIONS
+
+    @scale_v.setter
+    def scale_v(self, scale_v: float) -> None:
+        self.range_v = scale_v * DIVISIONS
+
+    @property
+    def scale_s(self) -> float:
+        """Seconds of one division."""
+        return self.span_s / DIVISIONS_S
+
+    @scale_s.setter
+    def scale_s(self, scale_s: float) -> None:
+        self.span_s = scale_s * DIVISIONS_S
 
     def reset(self) -> None:
         """Bring all settings to their defaults and stop."""
@@ -123,6 +158,8 @@ class InfiniiVision(ScopeDevice):
 
     def view(self) -> tuple[float, float, float, float, int]:
         """Return what the screen shows: its record has as many points as are asked for."""
+        if self.inverted or self.memory_mode != "RTIM":
+            raise ScpiError(-221, "not emulated: an inverted channel, segmented memory")
         # Of the screen, what is left of the reference; a division from either edge, else the middle.
         before = {"LEFT": 0.1, "CENT": 0.5, "RIGH": 0.9}[self.reference]
         interval_s = self.interval_over(self.span_s, self.points)
@@ -160,7 +197,7 @@ class InfiniiVision(ScopeDevice):
         self.label = read_name(call.parameters[0])[:LONGEST_LABEL]
 
     def _set_points(self, call: Call) -> None:
-        asked, lengths = read_number(call.parameters[0]).value, self.model.record_lengths
+        asked, lengths = read_number(call.parameters[0]).value, (*_SHORT, *self.model.record_lengths)
         if not lengths[0] <= asked <= lengths[-1]:
             raise ScpiError(-222, f"{lengths[0]} to {lengths[-1]}")
         self.points = min(lengths, key=lambda one: abs(one - asked))
@@ -185,6 +222,17 @@ class InfiniiVision(ScopeDevice):
         if record is None or self.source != "CHAN1":
             raise ScpiError(-230, "no waveform data")
         return record
+
+    def _channel(self, call: Call) -> str:
+        volts = f"RANG {answer_number(self.range_v)};OFFS {answer_number(self.offset_v)}"
+        switches = f"DISP {self.display:d};BWL {self.bandwidth_limit:d};INV {self.inverted:d}"
+        probe = f"UNIT VOLT;PROB {answer_number(self.probe)};PROB:SKEW +0.00E+00;STYP SING"
+        inputs = f"COUP {self.coupling};IMP {self.impedance}"
+        return f":CHAN{call.suffixes[0]}:{volts};{inputs};{switches};LAB {quoted(self.label)};{probe}"
+
+    def _timebase(self, call: Call) -> str:
+        times = f"MAIN:RANG {answer_number(self.span_s)};POS {answer_number(self.position_s)}"
+        return f":TIM:MODE {self.timebase};REF {self.reference};{times}"
 
     def _preamble(self, call: Call) -> str:
         return ",".join(self._described().values())
@@ -229,6 +277,9 @@ class InfiniiVision(ScopeDevice):
 
     def _add_commands(self) -> None:
         add = self.tree.add
+        add("CHANnel#", query=Action(self._channel))
+        add("TIMebase", query=Action(self._timebase))
+        add("SYSTem:PRESet", Action(lambda call: self.reset()))
         add("SINGle", Action(self._single))
         add("DIGitize", Action(self._single, 0, 4))
         add("STOP", Action(self._stop))

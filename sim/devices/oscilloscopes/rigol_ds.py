@@ -1,13 +1,16 @@
 """A Rigol oscilloscope of the DS1000Z series with an external trigger, as messages make it appear.
 
 Preamble, pieces and states are those of the public programming guides of these series. Assumed: an external
-trigger input at the two-channel models, times without the trigger's place between two samples, and that a new
-start forgets the old record.
+trigger input at the two-channel models, times without the trigger's place between two samples, that a new
+start forgets the old record, that the screen's own waveform (mode NORMal) is the record's samples at equal
+steps, and ``:WAVeform:POINts``, which public drivers use and the guides do not have.
 
-What this does not model: the screen's own waveform (mode NORMal), automatic memory depth, and other triggers.
+What this does not model: automatic memory depth, measurements, pictures of the screen, and other triggers.
 """
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +22,14 @@ from sim.devices.scpi.parser import Token
 from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from belahil.values import RangeWindow
+
 LARGEST_PIECE = {"BYTE": 250_000, "WORD": 125_000}
 CODES_A_DIVISION = 25
+SCREEN_POINTS = 1200
 _SHOT_BITS = 32
 _SOURCES = Sources("EXT", "AC")
 
@@ -86,7 +95,7 @@ class RigolScope(ScopeDevice):
         self.trigger_v, self.sweep = 0.0, "AUTO"
         self.acquisition, self.depth = "NORM", self.model.record_lengths[0]
         self.source, self.mode, self.format = "CHAN1", "NORM", "BYTE"
-        self.first, self.last = 1, 1200
+        self.first, self.last = 1, SCREEN_POINTS
         self.spi_bits, self.spi_data = 8, 82
         self.is_running = False
 
@@ -147,30 +156,54 @@ class RigolScope(ScopeDevice):
     def _edge(self, field: str, call: Call) -> None:
         setattr(self, field, read_integer(call.parameters[0], 1, self.model.record_lengths[-1]))
 
-    def _data(self, call: Call) -> str:
+    def _set_points(self, call: Call) -> None:
+        most = self.model.record_lengths[-1] - self.first + 1
+        self.last = self.first - 1 + read_integer(call.parameters[0], 1, most)
+
+    def _step(self, record: RangeWindow) -> int:
+        """Return how many samples there are for a point of the waveform that is read."""
+        return 1 if self.mode != "NORM" else record.counts.size // SCREEN_POINTS
+
+    def _held(self) -> RangeWindow:
         record = self.record()
-        if record is None or self.source != "CHAN1" or self.mode != "RAW" or self.is_running:
+        if record is None:
             raise ScpiError(-230, "no waveform data")
-        most = LARGEST_PIECE.get(self.format, 15625)
-        if not self.first <= self.last <= min(self.first + most - 1, record.counts.size):
+        return record
+
+    def _data(self, call: Call) -> str:
+        record = self._held()
+        if self.source != "CHAN1" or self.is_running:
+            raise ScpiError(-230, "no waveform data")
+        held, most = record.counts[:: self._step(record)], LARGEST_PIECE.get(self.format, 15625)
+        if not self.first <= self.last <= min(self.first + most - 1, held.size):
             raise ScpiError(-222, f"points {self.first} to {self.last}; at most {most} at once")
-        codes = record.counts[self.first - 1 : self.last]
+        codes = held[self.first - 1 : self.last]
         if self.format == "ASC":
             volts = (codes - record.zero_count) * record.volts_per_count
             return block(",".join(f"{volt:.6e}" for volt in volts).encode(), 9)
         return block(codes.astype(np.uint8 if self.format == "BYTE" else "<u2").tobytes(), 9)
 
     def _preamble(self, call: Call) -> str:
-        record = self.record()
-        if record is None:
-            raise ScpiError(-230, "no waveform data")
-        form = {"BYTE": 0, "WORD": 1, "ASC": 2}[self.format]
-        mode = {"NORM": 0, "MAX": 1, "RAW": 2}[self.mode]
-        origin = round(record.zero_count - self.model.zero_code)
-        return (
-            f"{form},{mode},{self.last - self.first + 1},1,{record.sample_interval_s:.6e},"
-            f"{record.start_s:.6e},0,{record.volts_per_count:.6e},{origin},{self.model.zero_code}"
-        )
+        return ",".join(self._described().values())
+
+    def _field(self, name: str) -> Callable[[Call], str]:
+        return lambda call: self._described()[name]
+
+    def _described(self) -> dict[str, str]:
+        """Return the fields of the preamble."""
+        record = self._held()
+        return {
+            "format": {"BYTE": "0", "WORD": "1", "ASC": "2"}[self.format],
+            "type": {"NORM": "0", "MAX": "1", "RAW": "2"}[self.mode],
+            "points": str(self.last - self.first + 1),
+            "count": "1",
+            "XINCrement": f"{record.sample_interval_s * self._step(record):.6e}",
+            "XORigin": f"{record.start_s:.6e}",
+            "XREFerence": "0",
+            "YINCrement": f"{record.volts_per_count:.6e}",
+            "YORigin": str(round(record.zero_count - self.model.zero_code)),
+            "YREFerence": str(self.model.zero_code),
+        }
 
     def _set_spi(self, field: str, least: int, most: int, call: Call) -> None:
         setattr(self, field, read_integer(call.parameters[0], least, most))
@@ -190,6 +223,10 @@ class RigolScope(ScopeDevice):
         add("WAVeform:STARt", first, Action(lambda call: str(self.first)))
         add("WAVeform:STOP", last, Action(lambda call: str(self.last)))
         add("WAVeform:PREamble", query=Action(self._preamble))
+        points = Action(lambda call: str(self.last - self.first + 1))
+        add("WAVeform:POINts", Action(self._set_points, 1, 1), points)
+        for name in ("XINCrement", "XORigin", "XREFerence", "YINCrement", "YORigin", "YREFerence"):
+            add(f"WAVeform:{name}", query=Action(self._field(name)))
         add("WAVeform:DATA", query=Action(self._data))
         width = Action(lambda call: self._set_spi("spi_bits", 4, _SHOT_BITS, call), 1, 1)
         data = Action(lambda call: self._set_spi("spi_data", 0, (1 << self.spi_bits) - 1, call), 1, 1)

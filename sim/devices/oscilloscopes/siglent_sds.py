@@ -1,11 +1,13 @@
 """A Siglent oscilloscope of the SDS1000X-E series, as its older messages make it appear.
 
-Words and the internal state register are those of the public programming guide. Assumed: how answers without
-headers are spelt, that the first point of the waveform setup takes any whole number, and that the trigger
-delay, which is positive for later times, is about the middle of the screen.
+Words and the internal state register are those of the public programming guide. Assumed: how answers
+without headers are spelt, the codes of ``CMR?`` and ``EXR?`` for errors that the guide does not tell apart,
+that the first point of the waveform setup takes any whole number, and that the trigger delay, which is
+positive for later times, is about the middle of the screen.
 
 What this does not model: answers with headers (``CHDR SHORT`` and ``LONG`` are taken and not followed),
-sparse waveforms, and other triggers than the external one.
+sparse waveforms, and other triggers than the external one. Averages, and level and slope of a channel as
+the trigger, are remembered and told alone; measurements (``PAVA?``) and pictures (``SCDP``) are not here.
 """
 
 from __future__ import annotations
@@ -30,12 +32,19 @@ _WORD = re.compile(r"[A-Z0-9.+-]{1,16}", re.IGNORECASE | re.ASCII)
 _CHANNELS = ("C1", "C2", "C3", "C4")
 _FACTORS = {"K": 1000, "M": 1_000_000}
 _LARGEST_POINT = LARGEST_SHOT + 1
+_SLOPES = Choices("POS", "NEG", "WINDOW")
+_ACQUISITIONS = Choices("SAMPLING", "PEAK_DETECT", "AVERAGE", "HIGH_RES")
+_AVERAGES = (4, 16, 32, 64, 128, 256, 512, 1024)
+# What the registers tell of an error in the queue (a public driver lists them); else the last of each.
+_COMMAND_CODES = {-113: 1, -101: 2, -103: 3, -109: 4, -141: 5, -151: 6, -108: 7, -114: 1}
+_EXECUTION_CODES = {-221: 22, -222: 25, -224: 25}
+_OTHER_COMMAND, _OTHER_EXECUTION = 12, 21
 _WORDS = (
     Word("CHDR", "headers", Choices("OFF", "SHORT", "LONG")),
     Word("C#:TRA", "trace", Choices("ON", "OFF")),
     Word("C#:CPL", "coupling", Choices("A1M", "D1M", "GND")),
-    Word("ACQW", "acquisition", Choices("SAMPLING", "PEAK_DETECT", "AVERAGE", "HIGH_RES")),
-    Word("EX:TRSL", "trigger_slope", Choices("POS", "NEG", "WINDOW")),
+    Word("EX:TRSL", "trigger_slope", _SLOPES),
+    Word("C#:TRSL", "channel_slope", _SLOPES),
     Word("TRMD", "trigger_mode", Choices("AUTO", "NORM", "SINGLE", "STOP")),
 )
 _NUMBERS = (
@@ -45,6 +54,7 @@ _NUMBERS = (
     Number("TDIV", "division_s", SECOND, 1e-9, 100.0, 1e-6),
     Number("TRDL", "delay_s", SECOND, -5000.0, 5000.0, 0.0),
     Number("EX:TRLV", "trigger_v", VOLT, -100.0, 100.0, 0.0),
+    Number("C#:TRLV", "channel_v", VOLT, -100.0, 100.0, 0.0),
 )
 
 
@@ -59,10 +69,11 @@ class SiglentScope(ScopeDevice):
 
     kept_fields = (
         *(setting.field for setting in (*_WORDS, *_NUMBERS)),
-        *("trigger_select", "bandwidth_limits", "depth", "setup"),
+        *("trigger_select", "bandwidth_limits", "depth", "setup", "acquisition", "averages"),
     )
 
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
+        self.command_code = self.execution_code = 0
         super().__init__(port, front)
         self._set_defaults()
         for word in _WORDS:
@@ -76,7 +87,8 @@ class SiglentScope(ScopeDevice):
         self.headers, self.trace, self.coupling, self.acquisition = "SHORT", "ON", "D1M", "SAMPLING"
         self.trigger_slope, self.trigger_mode, self.trigger_select = "POS", "AUTO", "EDGE,SR,C1,HT,OFF"
         self.probe, self.division_v, self.offset_v, self.division_s = 1.0, 1.0, 0.0, 1e-6
-        self.delay_s = self.trigger_v = 0.0
+        self.delay_s = self.trigger_v = self.channel_v = 0.0
+        self.channel_slope, self.averages = "POS", 16
         self.bandwidth_limits = dict.fromkeys(_CHANNELS, "OFF")
         self.depth = self.model.record_lengths[0]
         self.setup = {"SP": 0, "NP": 0, "FP": 0}
@@ -108,6 +120,41 @@ class SiglentScope(ScopeDevice):
         """Tell of a new signal, and stop."""
         self.state |= SIGNAL_ACQUIRED
         self.trigger_mode = "STOP"
+
+    def report(self, error: ScpiError) -> None:
+        """Put an error into the queue, and its code into the register of its kind."""
+        super().report(error)
+        if error.is_command_error:
+            self.command_code = _COMMAND_CODES.get(error.code, _OTHER_COMMAND)
+        else:
+            self.execution_code = _EXECUTION_CODES.get(error.code, _OTHER_EXECUTION)
+
+    def _clear(self, call: Call) -> None:
+        self.cancel()
+        self.status.clear()
+        self.command_code = self.execution_code = 0
+
+    def _take_command_code(self, call: Call) -> str:
+        code, self.command_code = self.command_code, 0
+        return str(code)
+
+    def _take_execution_code(self, call: Call) -> str:
+        code, self.execution_code = self.execution_code, 0
+        return str(code)
+
+    def _set_acquisition(self, call: Call) -> None:
+        word = _ACQUISITIONS.read(call.parameters[0])
+        if len(call.parameters) > 1:
+            if word != "AVERAGE":
+                raise ScpiError(-108, "ACQW")
+            self.averages = _averages_of(call.parameters[1])
+        self.acquisition = word
+
+    def _tell_acquisition(self, call: Call) -> str:
+        return f"AVERAGE,{self.averages}" if self.acquisition == "AVERAGE" else self.acquisition
+
+    def _set_averages(self, call: Call) -> None:
+        self.averages = _averages_of(call.parameters[0])
 
     def _setter(self, header: str) -> Action:
         command = self.tree.find(header.replace("#", "1"), self.tree.root).action
@@ -191,6 +238,11 @@ class SiglentScope(ScopeDevice):
     def _add_commands(self) -> None:
         add = self.tree.add
         add("TRMD", Action(self._set_mode, 1, 1), Action(lambda call: self.trigger_mode))
+        add("ACQW", Action(self._set_acquisition, 1, 2), Action(self._tell_acquisition))
+        add("AVGA", Action(self._set_averages, 1, 1), Action(lambda call: str(self.averages)))
+        add("*CLS", Action(self._clear))
+        add("CMR", query=Action(self._take_command_code))
+        add("EXR", query=Action(self._take_execution_code))
         add("ARM", Action(lambda call: self._arm()))
         add("STOP", Action(self._stop))
         add("FRTR", Action(lambda call: self.force()))
@@ -205,6 +257,13 @@ class SiglentScope(ScopeDevice):
         add("BWL", Action(self._set_limit, 2, 8), Action(self._tell_limits))
         # Behind its line feed too many no other answer could follow.
         add("C#:WF", query=Action(self._waveform, 1, 1, ends_message=True))
+
+
+def _averages_of(token: Token) -> int:
+    averages = read_integer(token, _AVERAGES[0], _AVERAGES[-1])
+    if averages not in _AVERAGES:
+        raise ScpiError(-222, ", ".join(map(str, _AVERAGES)))
+    return averages
 
 
 def _words(tokens: tuple[Token, ...]) -> str:

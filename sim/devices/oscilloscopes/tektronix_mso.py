@@ -2,11 +2,13 @@
 
 Words, states and the meaning of the waveform's description are those of public programmer manuals. After a
 reset an answer repeats its header (``HEADer``), and both are in their long form (``VERBose``). Assumed: how
-many digits its numbers have, that ten divisions span all codes, its bandwidth, that ``*RST`` switches
-both on, and that it has an auxiliary input.
+many digits its numbers have, that ten divisions span all codes, its bandwidth, that ``*RST`` switches both
+on, that it has an auxiliary input, that the scale of time changes the sample rate and leaves the record as
+long as it is, and that ``ALLEv?`` tells errors without ``*ESR?`` before it.
 
-What this does not model: other encodings than ``RIBinary`` and ``RPBinary``, bandwidth limits, and other
-triggers than the auxiliary input.
+Remembered and told alone: averages, the attenuation before a probe, levels of channels as the trigger. What
+this does not model: measurements, files, pictures of the screen, other encodings than ``RIBinary`` and
+``RPBinary``, bandwidth limits, and other triggers than the auxiliary input.
 """
 
 from __future__ import annotations
@@ -18,8 +20,8 @@ import numpy as np
 
 from sim.devices.generator_settings import Number, Switch, Word
 from sim.devices.oscilloscopes.acquisition import ScopeDevice, ScopeFront, ScopePort, block, quoted, shot_in
-from sim.devices.scpi.numeric import HERTZ, PERCENT, SECOND, VOLT, read_number
-from sim.devices.scpi.parameters import Choices, read_name
+from sim.devices.scpi.numeric import HERTZ, PERCENT, SECOND, VOLT, answer_number, read_number
+from sim.devices.scpi.parameters import Choices, read_name, read_within
 from sim.devices.scpi.status import ScpiError
 from sim.devices.scpi.tree import Action, Call, Handler, header_of
 
@@ -29,8 +31,11 @@ if TYPE_CHECKING:
 DIVISIONS_V = 10
 LONGEST_LABEL = 32
 """Characters; assumed."""
+DIVISIONS_S = 10
 BANDWIDTH_HZ = 5e8
+MOST_RATE_HZ = 3.125e9
 _SOURCES = Choices("CH1", "CH2", "CH3", "CH4", "AUXiliary", "LINE")
+_NO_EVENT = '0,"No events to report; queue empty"'
 _STATES = Choices("ARMed", "AUTO", "READy", "SAVe", "TRIGger")
 _SETTINGS = (
     Switch("HEADer", "headers"),
@@ -41,8 +46,10 @@ _SETTINGS = (
     Number("CH#:OFFSet", "offset_v", VOLT, -100.0, 100.0, 0.0),
     Number("CH#:SCAle", "scale_v", VOLT, 5e-4, 10.0, 0.1),
     Word("HORizontal:MODe", "horizontal", Choices("AUTO", "MANual")),
-    Number("HORizontal:MODe:SAMPLERate", "rate_hz", HERTZ, 1.0, 3.125e9, 3.125e9),
+    Number("HORizontal:MODe:SAMPLERate", "rate_hz", HERTZ, 1.0, MOST_RATE_HZ, MOST_RATE_HZ),
+    Number("HORizontal:SAMPLERate", "rate_hz", HERTZ, 1.0, MOST_RATE_HZ, MOST_RATE_HZ),
     Number("HORizontal:MODe:RECOrdlength", "points", None, 1000.0, 10e6, 10000.0, step=1.0),
+    Number("HORizontal:RECOrdlength", "points", None, 1000.0, 10e6, 10000.0, step=1.0),
     Switch("HORizontal:DELay:MODe", "is_delayed"),
     Number("HORizontal:POSition", "position_percent", PERCENT, 0.0, 100.0, 50.0),
     Number("HORizontal:DELay:TIMe", "delay_s", SECOND, -5000.0, 5000.0, 0.0),
@@ -52,6 +59,8 @@ _SETTINGS = (
     Number("TRIGger:AUXLevel", "trigger_v", VOLT, -8.0, 8.0, 0.0),
     Word("TRIGger:A:MODe", "trigger_mode", Choices("AUTO", "NORMal")),
     Word("ACQuire:MODe", "acquisition", Choices("SAMple", "PEAKdetect", "HIRes", "AVErage", "ENVelope")),
+    Number("ACQuire:NUMAVg", "averages", None, 2.0, 10240.0, 16.0, step=1.0),
+    Number("CH#:PROBEFunc:EXTAtten", "outer_attenuation", None, 1e-10, 1e10, 1.0),
     Word("ACQuire:STOPAfter", "stop_after", Choices("RUNSTop", "SEQuence")),
     Word("DATa:SOUrce", "source", _SOURCES),
     Word("DATa:ENCdg", "encoding", Choices("RIBinary", "RPBinary")),
@@ -59,6 +68,7 @@ _SETTINGS = (
     Number("DATa:STARt", "first", None, 1.0, 10e6, 1.0, step=1.0),
     Number("DATa:STOP", "last", None, 1.0, 10e6, 10000.0, step=1.0),
 )
+_SCALE = Number("HORizontal:SCAle", "scale_s", SECOND, 1e-10, 1000.0, 320e-9)
 
 
 class TektronixScope(ScopeDevice):
@@ -70,13 +80,13 @@ class TektronixScope(ScopeDevice):
         See `ScopeDevice`.
     """
 
-    kept_fields = (*(setting.field for setting in _SETTINGS), "label")
+    kept_fields = (*(setting.field for setting in _SETTINGS), "label", "levels_v")
 
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         super().__init__(port, front)
         self._set_defaults()
         common = set(self.tree.actions)
-        for setting in _SETTINGS:
+        for setting in (*_SETTINGS, _SCALE):
             setting.enter(self.tree, lambda call: self)
         self._add_commands()
         self._dress_answers(common)
@@ -85,7 +95,9 @@ class TektronixScope(ScopeDevice):
         self.headers = self.verbose = self.display = self.is_delayed = True
         self.coupling, self.label = "DC", ""
         self.position_divisions, self.offset_v, self.scale_v = 0.0, 0.0, 0.1
-        self.horizontal, self.rate_hz, self.points = "AUTO", 3.125e9, 10000.0
+        self.horizontal, self.rate_hz, self.points = "AUTO", MOST_RATE_HZ, 10000.0
+        self.averages, self.outer_attenuation = 16.0, 1.0
+        self.levels_v: dict[int, float] = {}
         self.position_percent, self.delay_s = 50.0, 0.0
         self.trigger_type, self.trigger_source, self.trigger_slope = "EDGE", "CH1", "RIS"
         self.trigger_v, self.trigger_mode = 0.0, "AUTO"
@@ -93,6 +105,15 @@ class TektronixScope(ScopeDevice):
         self.source, self.encoding, self.word_bytes = "CH1", "RIB", 1.0
         self.first, self.last = 1.0, 10000.0
         self.acquisitions = 0
+
+    @property
+    def scale_s(self) -> float:
+        """Seconds of one of ten divisions; a record at the highest rate reaches beyond a shorter screen."""
+        return self.points / self.rate_hz / DIVISIONS_S
+
+    @scale_s.setter
+    def scale_s(self, scale_s: float) -> None:
+        self.rate_hz = min(self.points / (DIVISIONS_S * scale_s), MOST_RATE_HZ)
 
     def reset(self) -> None:
         """Bring all settings to their defaults and stop."""
@@ -145,6 +166,16 @@ class TektronixScope(ScopeDevice):
         else:
             read_number(token, HERTZ)
 
+    def _set_level(self, call: Call) -> None:
+        volts = read_within(call.parameters[0], VOLT, -100.0, 100.0, 0.0, self.report)
+        self.levels_v = {**self.levels_v, call.suffixes[0]: volts}
+
+    def _tell_level(self, call: Call) -> str:
+        return answer_number(self.levels_v.get(call.suffixes[0], 0.0))
+
+    def _all_events(self, call: Call) -> str:
+        return self.status.all_errors() if self.status.errors else _NO_EVENT
+
     def _set_label(self, call: Call) -> None:
         self.label = read_name(call.parameters[0])[:LONGEST_LABEL]
 
@@ -196,6 +227,8 @@ class TektronixScope(ScopeDevice):
         add = self.tree.add
         add("ACQuire:STATE", Action(self._set_state, 1, 1), Action(self._state))
         add("ACQuire:NUMACq", query=Action(self._count))
+        add("ALLEv", query=Action(self._all_events))
+        add("TRIGger:A:LEVel:CH#", Action(self._set_level, 1, 1), Action(self._tell_level))
         add("CH#:BANdwidth", Action(self._set_bandwidth, 1, 1), Action(lambda call: f"{BANDWIDTH_HZ:.4E}"))
         add("TRIGger", Action(self._force, 1, 1))
         add("TRIGger:STATE", query=Action(self._trigger_state))
