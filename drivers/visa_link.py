@@ -9,11 +9,15 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from belahil.errors import ConfigError, InstrumentError, LinkClosed, LinkError, LinkTimeout
+from drivers.visa_portion import portion
 
 if TYPE_CHECKING:
     from types import ModuleType
 
 WRITE_TIMEOUT_S = 5.0
+# A short message fits into what stands before an instrument; setting a time-out costs as much as sending it.
+SHORT_BYTES, SHORT_TIMEOUT_S = 4096, 1.0
+LOCK_TIMEOUT_S = 1.0
 # PyVISA asks for so many bytes at once; a longer answer comes in several portions.
 _CHUNK_BYTES = 65536
 # HiSLIP of PyVISA-py tells by RuntimeError that the other end is gone or out of step.
@@ -35,12 +39,15 @@ class VisaLink:
     ConfigError
         The address is no resource name.
     LinkClosed
-        Nobody is there.
+        Nobody is there, or another program has locked the instrument.
     InstrumentError
         There is no such VISA library.
 
     Notes
     -----
+    The instrument is locked for this session where library and link can (HiSLIP, VXI-11, vendors' libraries):
+    a second program is refused before it has said anything. Raw sockets and serial lines have no locks.
+
     A raw socket cannot be cleared: `clear` connects anew, unless nothing was sent yet. An instrument that
     stalls for longer than a time-out may still carry out what the old connection brought.
     """
@@ -55,6 +62,7 @@ class VisaLink:
         except (OSError, ValueError, pyvisa.errors.Error) as error:
             raise InstrumentError(f'visa_library = "{library}" does not load: {_line(error)}') from error
         self._timeout_s = WRITE_TIMEOUT_S
+        self._why_closed = "the link was closed"
         self._resource: Any = self._opened()
         self._is_socket = self._resource.resource_class == "SOCKET"
         self._is_fresh = True
@@ -71,10 +79,36 @@ class VisaLink:
                 ) from error
             raise LinkClosed(f"nobody answers at {self._address}: {_line(error)}") from error
         resource.read_termination = "\n"
+        self._timeout_s = math.nan  # of a new session
         self._set_timeout(resource, WRITE_TIMEOUT_S)
         if resource.resource_class == "SOCKET":
             self._send_at_once(resource)
+        if not self._locked(resource):
+            with suppress(OSError, self._pyvisa.errors.Error):
+                resource.close()
+            raise LinkClosed(
+                f"{self._address}: another program has locked the instrument; one at a time may use it"
+            )
         return resource
+
+    def _locked(self, resource: Any) -> bool:
+        """Lock the instrument for us; False when another has, True also where there are no locks."""
+        try:
+            resource.lock_excl(timeout=LOCK_TIMEOUT_S * 1e3)
+        except (*_RAISED, NotImplementedError, self._pyvisa.errors.Error) as error:
+            if _status(error) == "error_resource_locked":
+                return False
+        else:
+            return True
+        # PyVISA-py speaks the locks of HiSLIP, but not by VISA's verb.
+        session = getattr(self._manager.visalib, "sessions", {}).get(resource.session)
+        request = getattr(getattr(session, "interface", None), "async_lock_request", None)
+        if request is None:
+            return True
+        try:
+            return bool(request(LOCK_TIMEOUT_S) != "failure")
+        except _RAISED as error:
+            raise LinkClosed(f"nobody answers at {self._address}: {_line(error)}") from error
 
     def write(self, data: bytes) -> None:
         """Send all of `data`.
@@ -89,18 +123,21 @@ class VisaLink:
             The bus failed.
         """
         self._is_fresh = False
+        resource = self._connected()
         try:
-            self._connected().write_raw(data)
+            if len(data) > SHORT_BYTES or not self._timeout_s >= SHORT_TIMEOUT_S:
+                self._set_timeout(resource, WRITE_TIMEOUT_S)
+            resource.write_raw(data)
         except (*_RAISED, self._pyvisa.errors.Error) as error:
             raise self._failed(error) from error
 
     def read(self, count: int, timeout_s: float) -> bytes:
-        """Return bytes up to a line feed or the end of a message; empty when none came in time.
+        """Return bytes up to a line feed, the end of a message or the time-out; empty when none came in time.
 
         Parameters
         ----------
         count : int
-            Of bytes to ask for at once; a longer message comes whole all the same.
+            Of bytes at most.
         timeout_s : float
             VISA counts whole milliseconds, at least one.
 
@@ -113,9 +150,8 @@ class VisaLink:
         """
         resource = self._connected()
         try:
-            if timeout_s != self._timeout_s:
-                self._set_timeout(resource, timeout_s)
-            data = bytes(resource.read_raw(min(count, _CHUNK_BYTES)))
+            self._set_timeout(resource, timeout_s)
+            data = portion(resource, min(count, _CHUNK_BYTES))
             self._has_answered = True
             return data
         except (*_RAISED, self._pyvisa.errors.Error) as error:
@@ -138,8 +174,10 @@ class VisaLink:
         if self._is_fresh and self._is_socket:
             return
         if not self._is_socket:
+            resource = self._connected()
             try:
-                self._connected().clear()
+                self._set_timeout(resource, WRITE_TIMEOUT_S)
+                resource.clear()
                 return
             except RuntimeError:
                 # A back end that cannot clear, or (HiSLIP of PyVISA-py) finds an old answer on the way.
@@ -148,7 +186,11 @@ class VisaLink:
                 if _status(error) != "error_nonsupported_operation":
                     raise self._failed(error) from error
         self.close()
-        self._resource = self._opened()
+        try:
+            self._resource = self._opened()
+        except LinkClosed as error:
+            self._why_closed = f"lost when it was connected anew: {error}"
+            raise
         self._is_fresh = True
 
     def close(self) -> None:
@@ -187,12 +229,13 @@ class VisaLink:
             return True
 
     def _set_timeout(self, resource: Any, timeout_s: float) -> None:
-        resource.timeout = max(1, math.ceil(timeout_s * 1e3))
-        self._timeout_s = timeout_s
+        if timeout_s != self._timeout_s:
+            resource.timeout = max(1, math.ceil(timeout_s * 1e3))
+            self._timeout_s = timeout_s
 
     def _connected(self) -> Any:
         if self._resource is None:
-            raise LinkClosed(f"{self._address}: the link was closed")
+            raise LinkClosed(f"{self._address}: {self._why_closed}")
         return self._resource
 
     def _failed(self, error: Exception) -> LinkError:
