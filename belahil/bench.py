@@ -15,15 +15,17 @@ from belahil import config as configuration
 from belahil.clock import SystemClock
 from belahil.errors import (
     InstrumentError,
+    Interfered,
     InterlockRefused,
-    LimitExceeded,
     LinkClosed,
     LinkError,
     RefusedInput,
     StaleData,
 )
 from belahil.generators import SOURCE_OHM, behind_output, open_circuit
+from belahil.interfaces import Confirming
 from belahil.link_source import DirectLinks
+from belahil.request_checks import check_window_request
 from belahil.stimuli import NoSignal, SampledPulse, Stimulus, TransmittedPulse, largest_volts, scaled
 from belahil.values import Shot, Trigger, WindowRequest
 
@@ -112,6 +114,8 @@ class Bench:
         self._gain_code: int | None = None
         self.config = config
         self.links = links or DirectLinks()
+        self.repeated_because = ""
+        """Why the last shot that was repeated had to be, in one line."""
         generator.output(False)
 
     @property
@@ -170,31 +174,7 @@ class Bench:
         # What is being played has been checked before.
         if self._prepared is None or self._prepared[0] != stimulus:
             self._check_stimulus(stimulus)
-        request.check()
-        spec = self.spec
-        if (
-            request.gain_code is not None
-            and spec.gain_codes is not None
-            and request.gain_code not in spec.gain_codes
-        ):
-            raise LimitExceeded(f"gain code {request.gain_code}: the receiver has {_span(spec.gain_codes)}")
-        if not 0 < request.sample_count <= spec.max_sample_count:
-            raise LimitExceeded(
-                f"a window of {request.sample_count} samples: the receiver takes 1 to {spec.max_sample_count}"
-            )
-        trigger = self._trigger_for(stimulus, request)
-        if trigger not in spec.triggers:
-            raise LimitExceeded(
-                f"a window of {type(stimulus).__name__} is started by trigger = {trigger}: "
-                f"the receiver has {', '.join(spec.triggers)}"
-            )
-        if isinstance(stimulus, TransmittedPulse) != (request.source == "transmit"):
-            raise LimitExceeded(
-                f"a window of {type(stimulus).__name__} with source = {request.source}: "
-                "allowed: transmit for TransmittedPulse, return for all else"
-            )
-        if request.products not in spec.products:
-            raise LimitExceeded(f"products = {request.products}: the receiver has {', '.join(spec.products)}")
+        check_window_request(stimulus, request, self._trigger_for(stimulus, request), self.spec)
 
     def _check_stimulus(self, stimulus: Stimulus) -> None:
         from belahil.generators import on_grid
@@ -241,8 +221,9 @@ class Bench:
             except LinkClosed:
                 self._prepared = None
                 raise
-            except LinkError:
+            except LinkError as error:
                 self._prepared = self._gain_code = None
+                self.repeated_because = str(error)
                 if attempt >= ATTEMPTS:
                     raise
                 attempt += 1
@@ -269,7 +250,13 @@ class Bench:
             raise StaleData(
                 f"asked for shot {request.shot}, the window that came belongs to shot {window.shot}"
             )
+        self._confirm()
         return Shot(self._played, window, datetime.now(UTC).isoformat(timespec="milliseconds"), attempt)
+
+    def _confirm(self, whole: bool = False) -> None:
+        """Make sure that what is believed to be played is, where the generator can tell."""
+        if isinstance(self._generator, Confirming):
+            self._generator.confirm(whole)
 
     def _prepare(self, stimulus: Stimulus, trigger: Trigger) -> None:
         factor = self.setting_per_cut_volt
@@ -303,17 +290,32 @@ class Bench:
             self._digitizer.close()
             self.links.close()
 
+    def _interfered_at_last(self) -> Interfered | None:
+        """Return what somebody else has done to the last stimulus, which no later one has found out."""
+        if self._prepared is None:
+            return None
+        try:
+            self._confirm(whole=True)
+        except Interfered as error:
+            return Interfered(f"{error}; windows since the last change of the stimulus may be wrong")
+        except InstrumentError:
+            return None  # closing tells whether the output is off
+        return None
+
     def __enter__(self) -> Bench:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        interfered = self._interfered_at_last() if error is None else None
         left_on = "" if self.close() else self.links.left_on
         if error is None and left_on:
             raise InstrumentError(left_on)
         if error is None:
             self.links.check()
+            if interfered is not None:
+                raise interfered
         elif left_on:
             error.add_note(left_on)
 
@@ -327,12 +329,6 @@ def setting_per_cut_volt(config: BenchConfig) -> float:
     input_ohm = config.digitizer.input_ohm
     divider = 1.0 if input_ohm == float("inf") else input_ohm / (SOURCE_OHM + input_ohm)
     return 10 ** (part.attenuation_db / 20) / (divider * open_circuit(part.load_ohm))
-
-
-def _span(codes: tuple[int, ...]) -> str:
-    if codes == tuple(range(codes[0], codes[-1] + 1)):
-        return f"gain codes {codes[0]} to {codes[-1]}"
-    return "gain codes " + ", ".join(map(str, codes))
 
 
 def open_bench(
@@ -386,9 +382,12 @@ def open_bench(
 def _endpoints(config: BenchConfig, record: str | Path | None) -> Endpoints:
     """Return what the drivers reach their instruments by, or recorded ones."""
     if config.source == "replay":
+        from belahil.recording import read_session
         from belahil.replay import Replay
 
-        replay = Replay(config.generator.address.removeprefix(configuration.REPLAY))
+        path = config.generator.address.removeprefix(configuration.REPLAY)
+        read_session(path).check_replayable()
+        replay = Replay(path)
         return Endpoints(clock=replay.clock, links=replay)
     emulated = config.source == "emulated"
     found: Endpoints = importlib.import_module("sim.build").endpoints(config) if emulated else Endpoints()

@@ -87,6 +87,10 @@ class StaleData(LinkError):
     """Something valid arrived that answers an older question."""
 
 
+class Interfered(LinkError):
+    """Another program, or a hand at its panel, has set an instrument meanwhile: what it did is not ours."""
+
+
 class LinkClosed(LinkError, ConnectionError):
     """The other end is gone; repeating cannot help."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     from belahil.generators import GeneratorModel
@@ -96,6 +96,28 @@ class FunctionGenerator(Protocol):
         -------
         bool
             Whether the instrument confirmed that its output is off; the same when it is closed again.
+        """
+        ...
+
+
+@runtime_checkable
+class Confirming(Protocol):
+    """A generator that can tell whether somebody else has set it; others need no such verb."""
+
+    def confirm(self, whole: bool = False) -> None:
+        """Prove that nobody else has set the instrument since the last `prepare` or `output`.
+
+        Parameters
+        ----------
+        whole : bool
+            Compare all settings, as costly as that may be; otherwise what one short question tells.
+
+        Raises
+        ------
+        Interfered
+            Somebody has; the next `prepare` sets everything.
+        InstrumentError
+            No proof; the next `prepare` sets everything too.
         """
         ...
 

@@ -15,7 +15,7 @@ import msgspec
 from msgspec.structs import replace
 
 from belahil.config import REPLAY, BenchConfig, EmulationTable, as_toml, parse_bench
-from belahil.errors import StorageError
+from belahil.errors import ConfigError, StorageError
 from belahil.fingerprint import plain
 from belahil.link_source import LEFT_ON
 from belahil.provenance import belahil_version, command_line
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
     from belahil.interfaces import Clock, Link
     from belahil.recording_file import Kind
+
+CONVERSATION = 2
+"""What drivers say, and in which order: another number cannot be replayed. 1 opened the generator first."""
 
 T = TypeVar("T")
 
@@ -173,6 +176,7 @@ class _Header(msgspec.Struct, frozen=True):
     source: str
     seed: int | None
     bench: str
+    conversation: int = 1
 
 
 def _header(config: BenchConfig) -> _Header:
@@ -183,6 +187,7 @@ def _header(config: BenchConfig) -> _Header:
         config.source,
         None if config.source == "hardware" else config.emulation.seed,
         as_toml(config, without=("emulation",)),
+        CONVERSATION,
     )
 
 
@@ -210,6 +215,8 @@ class RecordedSession:
         Empty when none was begun.
     options : dict
         Of the procedure, as plain values.
+    conversation : int
+        See `CONVERSATION`.
     """
 
     path: Path
@@ -223,6 +230,22 @@ class RecordedSession:
     instruments: dict[str, str]
     procedure: str = ""
     options: dict[str, Any] | None = None
+    conversation: int = CONVERSATION
+
+    def check_replayable(self) -> None:
+        """Refuse a session whose drivers spoke otherwise than those of today.
+
+        Raises
+        ------
+        ConfigError
+            With what to do.
+        """
+        if self.conversation != CONVERSATION:
+            raise ConfigError(
+                f"{self.path}: its drivers spoke otherwise (conversation {self.conversation}) than those of "
+                f"today ({CONVERSATION}), so it cannot be replayed; a belahil of {self.started[:10]} can "
+                f"(it says {self.belahil}), and `belahil bench parity` reads it"
+            )
 
     def __str__(self) -> str:
         """One line for people."""
@@ -277,6 +300,7 @@ def read_session(path: str | Path) -> RecordedSession:
         instruments,
         run.get("procedure", ""),
         run.get("options"),
+        header.conversation,
     )
 
 

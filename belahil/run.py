@@ -255,7 +255,7 @@ class Run:
         if found is not None:
             raise RefusedInput(f"--resume {self.folder}: the run was begun otherwise: {found}")
 
-    def shot(self, request: WindowRequest, measure: Callable[[], Shot]) -> Shot:
+    def shot(self, request: WindowRequest, measure: Callable[[], Shot], why: Callable[[], str] = str) -> Shot:
         """Return the kept shot of this request, or measure it and keep it.
 
         Parameters
@@ -264,6 +264,8 @@ class Run:
             Its `shot` is the index in the plan.
         measure : callable
             Called when the journal does not hold the shot.
+        why : callable
+            Tells the log why a shot had to be repeated.
 
         Raises
         ------
@@ -281,7 +283,8 @@ class Run:
         self._journal.append(request, shot)
         self.measured += 1
         if shot.attempt > 1:
-            self.log(f"shot {request.shot} came at attempt {shot.attempt}")
+            reason = f": {why()}" if why() else ""
+            self.log(f"shot {request.shot} came at attempt {shot.attempt}{reason}")
         return shot
 
     def shots(self) -> Shots:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def bench(config: BenchConfig, endpoints: Endpoints) -> Bench:
-    """Open both instruments of a bench file.
+    """Open both instruments of a bench file, the digitizer first.
 
     Parameters
     ----------
@@ -42,10 +42,11 @@ def bench(config: BenchConfig, endpoints: Endpoints) -> Bench:
         Nobody answers, or somebody unknown does; what was opened is closed again, its output off.
     """
     with ExitStack() as opened:
-        generator = open_generator(config, endpoints)
-        opened.callback(generator.close)
+        # A receiver serves one client: it refuses a second program before that has touched the generator.
         digitizer = open_digitizer(config, endpoints)
         opened.callback(digitizer.close)
+        generator = open_generator(config, endpoints)
+        opened.callback(generator.close)
         made = Bench(generator, digitizer, config, endpoints.clock, endpoints.links)
         opened.pop_all()
         return made

@@ -1,8 +1,9 @@
 """Questions to a SCPI instrument, where each answer proves which question it belongs to.
 
-Each question carries a number that comes back with its answer: ``*ESE n;...;*ESE?``. The event status
+Each question carries a number that comes back with its answer: ``*ESE?;*ESE n;...;*ESE?``. The event status
 enable register of IEEE 488.2 serves as the echo, since every instrument has it and nothing else here uses it.
-So a late, doubled or cut answer is never taken for the answer of another question.
+So a late, doubled or cut answer is never taken for the answer of another question. The number of the question
+before comes first: where it is another one, another program has asked meanwhile.
 """
 
 from __future__ import annotations
@@ -10,12 +11,23 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from belahil.errors import CorruptData, InstrumentError, LinkClosed, LinkError, LinkTimeout, StaleData
+from belahil.errors import (
+    CorruptData,
+    InstrumentError,
+    Interfered,
+    LinkClosed,
+    LinkError,
+    LinkTimeout,
+    StaleData,
+)
+from drivers.patience import Patience
 
 if TYPE_CHECKING:
     from belahil.interfaces import Clock, Link
 
 ANSWER_TIMEOUT_S = 2.0
+RESET_TIMEOUT_S = 10.0
+UPLOAD_BYTES_PER_S = 100e3
 NO_ERROR, TRIGGER_IGNORED = 0, -211
 _ERRORS_AT_MOST = 64
 _READ_BYTES = 65536
@@ -35,7 +47,7 @@ class ScpiSession:
     link : Link
         To the instrument.
     clock : Clock
-        For deadlines.
+        For deadlines, and for the number of the first question: two programs rarely begin with the same.
     name : str
         For messages, for example an address.
 
@@ -49,7 +61,8 @@ class ScpiSession:
         self._link = link
         self._clock = clock
         self._name = name
-        self._tag = 0
+        self._tag = int(clock.now_s() * 1e6) % 255
+        self._work_s = 0.0
         self._in_step = True
         self._rest = b""
         self.identity = ""
@@ -61,6 +74,10 @@ class ScpiSession:
 
     def send(self, *commands: str) -> None:
         """Send commands as one message; a later question tells what became of them."""
+        if "*RST" in commands:
+            self._work_s = max(self._work_s, RESET_TIMEOUT_S - ANSWER_TIMEOUT_S)
+            # IEEE 488.2 leaves the register as it is; an instrument that does not has our mark all the same.
+            commands = (*commands, f"*ESE {self._tag}")
         self._write((";".join(commands) + "\n").encode("ascii"))
 
     def send_block(self, header: str, data: bytes) -> None:
@@ -78,6 +95,7 @@ class ScpiSession:
 
     def send_raw(self, header: str, data: bytes) -> None:
         """Send a command that ends with bytes as they are; `header` must tell how many."""
+        self._work_s += len(data) / UPLOAD_BYTES_PER_S
         self._write(header.encode("ascii") + data + b"\n")
 
     def ask_raw(self, query: str, before: bytes, count: int) -> bytes:
@@ -92,14 +110,17 @@ class ScpiSession:
         """
         if not self._in_step:
             self._get_in_step()
-        deadline_s = self._clock.now_s() + ANSWER_TIMEOUT_S
         try:
             self._write(f"{query}\n".encode("ascii"))
+            patience = self._patience()
             said = bytearray(self._rest)
             while (start := said.find(before)) < 0 or len(said) < start + len(before) + count + 1:
-                data = self._link.read(_READ_BYTES, max(0.0, deadline_s - self._clock.now_s()))
+                data = self._read(patience)
                 if not data:
-                    raise LinkTimeout(f"{self._name}: {query} is answered by {len(said)} bytes, no {count}")
+                    raise LinkTimeout(
+                        f"{self._name}: {query} is answered by {len(said)} of "
+                        f"{len(before) + count + 1} bytes in {patience}"
+                    )
                 said += data
         except LinkClosed:
             raise
@@ -115,20 +136,19 @@ class ScpiSession:
 
         Raises
         ------
+        Interfered
+            Another program has asked the instrument since our last question.
         LinkError
             No proof of an answer; the session is in step again, unless the link is closed or silent.
         """
         if not self._in_step:
             self._get_in_step()
         try:
-            tag = self._next_tag()
-            self._write(f"*ESE {tag};{';'.join(queries)};*ESE?\n".encode("ascii"))
-            fields = self._fields(self._clock.now_s() + ANSWER_TIMEOUT_S)
-            if _number(fields[-1]) != tag:
-                raise self._wrong(fields, tag)
-            if len(fields) != len(queries) + 1:
-                raise CorruptData(f"{self._name}: {len(queries)} questions, answer {';'.join(fields)!r}")
-            return fields[:-1]
+            before, tag = self._tag, self._next_tag()
+            self._write(f"*ESE?;*ESE {tag};{';'.join(queries)};*ESE?\n".encode("ascii"))
+            fields = self._fields(self._patience())
+            self._check_marks(fields, before, tag, len(queries))
+            return fields[1:-1]
         except LinkClosed:
             raise
         except LinkError:
@@ -156,16 +176,15 @@ class ScpiSession:
         if not self._in_step:
             self._get_in_step()
         try:
-            deadline_s = self._clock.now_s() + ANSWER_TIMEOUT_S
             self._write(f"{query}\n".encode("ascii"))
-            data = self._block(before.encode("ascii"), deadline_s)
-            tag = self._next_tag()
-            self._write(f"*ESE {tag};*ESE?\n".encode("ascii"))
+            data = self._block(before.encode("ascii"), self._patience())
+            mark, tag = self._tag, self._next_tag()
+            self._write(f"*ESE?;*ESE {tag};*ESE?\n".encode("ascii"))
+            patience = self._patience()
             fields = [""]
             while fields == [""]:
-                fields = self._fields(deadline_s)
-            if len(fields) != 1 or _number(fields[0]) != tag:
-                raise self._wrong(fields, tag)
+                fields = self._fields(patience)
+            self._check_marks(fields, mark, tag, 0)
             return data
         except LinkClosed:
             raise
@@ -220,11 +239,11 @@ class ScpiSession:
         tag = self._next_tag()
         # IEEE 488.2 wants *IDN? to be the last query of a message.
         self._write(f"*ESE {tag};*ESE?;*IDN?\n".encode("ascii"))
-        deadline_s = self._clock.now_s() + ANSWER_TIMEOUT_S
+        patience = self._patience()
         fields: list[str] = []
         try:
             while len(fields) != 2 or _number(fields[0]) != tag:
-                fields = self._fields(deadline_s)
+                fields = self._fields(patience)
         except LinkTimeout as error:
             raise self._unnamed(fields, tag, error) from error
         if self.identity not in ("", fields[1]):
@@ -232,6 +251,18 @@ class ScpiSession:
                 f'{self._name}: the instrument was "{self.identity}" and now says "{fields[1]}"'
             )
         self.identity = fields[1]
+
+    def _check_marks(self, fields: list[str], before: int, tag: int, count: int) -> None:
+        """Check that an answer to so many questions belongs to them, and that nobody asked between."""
+        if _number(fields[-1]) != tag:
+            raise self._wrong(fields, tag)
+        if len(fields) != count + 2:
+            raise CorruptData(f"{self._name}: {count} questions, answer {';'.join(fields)!r}")
+        if _number(fields[0]) != before:
+            raise Interfered(
+                f"{self._name}: another program speaks to the instrument: after our question number "
+                f"{before} its *ESE register holds {fields[0]}"
+            )
 
     def _next_tag(self) -> int:
         self._tag = self._tag % 255 + 1
@@ -244,23 +275,33 @@ class ScpiSession:
             self._in_step = False
             raise
 
-    def _fields(self, deadline_s: float) -> list[str]:
+    def _patience(self) -> Patience:
+        """Begin to wait for an answer: longer after what takes an instrument its time."""
+        allowed_s, self._work_s = ANSWER_TIMEOUT_S + self._work_s, 0.0
+        return Patience(self._clock, allowed_s, ANSWER_TIMEOUT_S)
+
+    def _read(self, patience: Patience) -> bytes:
+        """Read once; empty when the time is over."""
+        data = self._link.read(_READ_BYTES, patience.left_s())
+        if data:
+            patience.came(len(data))
+        return data
+
+    def _fields(self, patience: Patience) -> list[str]:
         """Read a line and cut it at its semicolons; at least one field."""
         line = self._rest
         while b"\n" not in line:
-            data = self._link.read(_READ_BYTES, max(0.0, deadline_s - self._clock.now_s()))
+            data = self._read(patience)
             if not data:
                 begun = f"; it began with {bytes(line[:_SHOWN_BYTES])!r}" if line else ""
-                raise LinkTimeout(
-                    f"{self._name}: no answer that ends with a line feed in {ANSWER_TIMEOUT_S:g} s{begun}"
-                )
+                raise LinkTimeout(f"{self._name}: no answer that ends with a line feed in {patience}{begun}")
             line += data
         line, _, self._rest = line.partition(b"\n")
         return _FIELD.findall(line.decode("latin-1").strip()) or [""]
 
-    def _block(self, before: bytes, deadline_s: float) -> bytes:
+    def _block(self, before: bytes, patience: Patience) -> bytes:
         """Read ``#``, one digit, so many digits, and so many bytes; what follows stays unread."""
-        self._have(len(before) + 2, deadline_s)
+        self._have(len(before) + 2, patience)
         if not self._rest.startswith(before):
             raise CorruptData(f"{self._name}: answer {self._rest[:_SHOWN_BYTES]!r} begins without {before!r}")
         self._rest = self._rest[len(before) :]
@@ -268,24 +309,22 @@ class ScpiSession:
         if not re.fullmatch(rb"#[1-9]", head):
             raise CorruptData(f"{self._name}: answer {self._rest[:_SHOWN_BYTES]!r} is no block")
         begin = 2 + int(head[1:])
-        self._have(begin, deadline_s)
+        self._have(begin, patience)
         count = self._rest[2:begin]
         if not count.isdigit():
             raise CorruptData(f"{self._name}: answer {self._rest[:_SHOWN_BYTES]!r} is no block")
         end = begin + int(count)
-        self._have(end, deadline_s)
+        self._have(end, patience)
         data, self._rest = self._rest[begin:end], self._rest[end:]
         return data
 
-    def _have(self, count: int, deadline_s: float) -> None:
+    def _have(self, count: int, patience: Patience) -> None:
         """Read until so many bytes of an answer are there."""
         parts, size = [self._rest], len(self._rest)
         while size < count:
-            data = self._link.read(_READ_BYTES, max(0.0, deadline_s - self._clock.now_s()))
+            data = self._read(patience)
             if not data:
-                raise LinkTimeout(
-                    f"{self._name}: {size} bytes of a block of {count} in {ANSWER_TIMEOUT_S:g} s"
-                )
+                raise LinkTimeout(f"{self._name}: {size} of {count} bytes of a block came in {patience}")
             parts.append(data)
             size += len(data)
         self._rest = b"".join(parts)

@@ -76,8 +76,8 @@ class RecordablePlan(Generic[Options]):
 class Journal(Protocol):
     """What a procedure needs of a run: a shot is measured unless it is there already."""
 
-    def shot(self, request: WindowRequest, measure: Callable[[], Shot]) -> Shot:
-        """Return the kept shot of this index, or measure and keep it."""
+    def shot(self, request: WindowRequest, measure: Callable[[], Shot], why: Callable[[], str] = str) -> Shot:
+        """Return the kept shot of this index, or measure and keep it; `why` tells why it was repeated."""
         ...
 
 
@@ -135,7 +135,11 @@ def measure_all(
         What is measured so far is kept.
     """
     for done, planned in enumerate(shots, start=1):
-        run.shot(planned.request, lambda one=planned: bench.measure(one.stimulus, one.request))  # type: ignore[misc]
+        run.shot(
+            planned.request,
+            lambda one=planned: bench.measure(one.stimulus, one.request),  # type: ignore[misc]
+            lambda: bench.repeated_because,
+        )
         if progress is not None:
             progress(done, len(shots))
 

@@ -35,7 +35,7 @@ class InMemory:
 
     shots: list[Shot]
 
-    def shot(self, request: WindowRequest, measure: Callable[[], Shot]) -> Shot:
+    def shot(self, request: WindowRequest, measure: Callable[[], Shot], why: Callable[[], str] = str) -> Shot:
         self.shots.append(measure())
         return self.shots[-1]
 

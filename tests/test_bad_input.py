@@ -174,14 +174,14 @@ def test_the_interlock_is_at_the_cut_behind_the_attenuator(capsys: Captured) -> 
 
 
 @contextmanager
-def served() -> Iterator[str]:
-    """An emulated generator in a thread of its own; gives its address."""
+def served() -> Iterator[Served]:
+    """An emulated bench in a thread of its own; tells where it is."""
     told: queue.Queue[Served] = queue.Queue()
     thread = threading.Thread(target=serve, args=(emulated(), told.put))
     thread.start()
     places = told.get(timeout=20)
     try:
-        yield places.address
+        yield places
     finally:
         places.stop()
         thread.join(timeout=20)
@@ -196,11 +196,9 @@ def closed_port() -> int:
 @pytest.mark.parametrize(
     ("address", "link", "said"),
     [
-        (
-            "TCPIP::127.0.0.1::{port}::SOCKET",
-            "socket://127.0.0.1:{port}",
-            "nobody answers at TCPIP::127.0.0.1::",
-        ),
+        ("TCPIP::127.0.0.1::{port}::SOCKET", "served", "nobody answers at TCPIP::127.0.0.1::"),
+        # the receiver is opened first
+        ("TCPIP::127.0.0.1::{port}::SOCKET", "socket://127.0.0.1:{port}", "socket://127.0.0.1:"),
         ("served", "socket://127.0.0.1:{port}", "socket://127.0.0.1:"),
         ("served", "serial:/dev/there-is-none", "/dev/there-is-none"),
         ("served", "usb:1209:0001", "1209:0001"),
@@ -208,13 +206,10 @@ def closed_port() -> int:
 )
 def test_an_address_where_nobody_answers(capsys: Captured, address: str, link: str, said: str) -> None:
     port = closed_port()
-    link = link.format(port=port)
-    if address != "served":
-        place = address.format(port=port)
-        _refused_at(capsys, place, link, said)
-        return
-    with served() as place:
-        _refused_at(capsys, place, link, said)
+    with served() as places:
+        address = places.address if address == "served" else address.format(port=port)
+        link = places.link if link == "served" else link.format(port=port)
+        _refused_at(capsys, address, link, said)
 
 
 def _refused_at(capsys: Captured, address: str, link: str, said: str) -> None:

@@ -10,7 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from belahil.errors import CorruptData, InstrumentError, InstrumentRefused, LimitExceeded, LinkClosed
+from belahil.errors import (
+    CorruptData,
+    InstrumentError,
+    InstrumentRefused,
+    Interfered,
+    LimitExceeded,
+    LinkClosed,
+    StaleData,
+)
 from belahil.generators import (
     MODELS,
     ArbBlock,
@@ -290,9 +298,49 @@ def test_settings_that_someone_changed_are_found_and_restored() -> None:
     generator, _ = _opened(instrument)
     generator.prepare(Sine(1e6, 0.05), "immediate")
     generator.output(True)
+    # when someone changes the frequency, and then only the amplitude is to change
     instrument.write(b"FREQ 5E6\n")
-    generator.prepare(Sine(1e6, 0.05), "immediate")
+    with pytest.raises(Interfered, match=r"FREQ\? answers \+5.*, and 1000000\.0 was set: another program"):
+        generator.prepare(Sine(1e6, 0.06), "immediate")
+    # then it is told, and preparing it again sets everything
+    generator.prepare(Sine(1e6, 0.06), "immediate")
     assert instrument.port.settings[-1].frequency_hz == 1e6
+
+
+@pytest.mark.parametrize("deed", [b"*ESE 99\n", b"OUTP OFF\n"])
+def test_who_spoke_to_the_instrument_meanwhile_is_found_by_one_short_question(deed: bytes) -> None:
+    instrument = Instrument()
+    generator, _ = _opened(instrument)
+    generator.prepare(Sine(1e6, 0.05), "immediate")
+    generator.output(True)
+    # given nobody else, it is confirmed as often as one likes
+    generator.confirm()
+    generator.confirm()
+    generator.confirm(whole=True)
+    # when somebody asks as our drivers do, or switches the output off
+    instrument.write(deed)
+    with pytest.raises(Interfered, match="another program"):
+        generator.confirm()
+    # then nothing is relied on until everything was set again
+    with pytest.raises(StaleData):
+        generator.confirm()
+    instrument.commands()
+    generator.prepare(Sine(1e6, 0.05), "immediate")
+    generator.output(True)
+    assert "*RST" in instrument.commands()
+    generator.confirm(whole=True)
+    assert instrument.port.settings[-1].output
+    assert instrument.port.settings[-1].frequency_hz == 1e6
+
+
+def test_a_hand_at_the_panel_is_found_by_reading_everything_back() -> None:
+    instrument = Instrument()
+    generator, _ = _opened(instrument)
+    generator.prepare(PULSE, "generator")
+    generator.output(True)
+    instrument.write(b":VOLT:LIM:STAT OFF\n")
+    with pytest.raises(Interfered, match=r"LIM:STAT\? answers 0, and 1 was set"):
+        generator.confirm(whole=True)
 
 
 def test_closing_never_raises_and_switches_off() -> None:

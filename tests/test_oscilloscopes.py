@@ -390,15 +390,17 @@ class Scripted:
 
     def __init__(self, block: bytes, portion: int, tail: bytes = b"") -> None:
         self._block, self._portion, self._tail = block, portion, tail
-        self._out = b""
+        self._out = self._mark = b""
 
     def write(self, data: bytes) -> None:
         if data == b"DATA?\n":
             self._out += self._block
             return
-        tag = data.split(b";")[0].removeprefix(b"*ESE ").strip()
-        name = b";A,B,C,D" if b"*IDN?" in data else b""
-        self._out += tag + name + b"\n" + (self._tail if not name else b"")
+        before, self._mark = self._mark, data.split(b"*ESE ")[1].split(b";")[0]
+        if b"*IDN?" in data:
+            self._out += self._mark + b";A,B,C,D\n"
+        else:
+            self._out += before + b";" + self._mark + b"\n" + self._tail
 
     def read(self, count: int, timeout_s: float) -> bytes:
         taken, self._out = self._out[: self._portion], self._out[self._portion :]

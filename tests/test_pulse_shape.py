@@ -45,7 +45,7 @@ class Kept:
     def __init__(self) -> None:
         self.shots: dict[int, Shot] = {}
 
-    def shot(self, request: WindowRequest, measure: Callable[[], Shot]) -> Shot:
+    def shot(self, request: WindowRequest, measure: Callable[[], Shot], why: Callable[[], str] = str) -> Shot:
         if request.shot not in self.shots:
             self.shots[request.shot] = measure()
         return self.shots[request.shot]

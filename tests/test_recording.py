@@ -21,6 +21,7 @@ from belahil.cli.main import main
 from belahil.config import as_toml, load_bench, parse_bench
 from belahil.errors import (
     BelahilError,
+    ConfigError,
     InstrumentError,
     RecordingEnds,
     RefusedInput,
@@ -206,6 +207,24 @@ def test_the_first_changed_byte_is_shown_beside_the_recorded_one(tmp_path: Path)
     assert lines[-1].startswith("record ")
 
 
+def test_a_recording_of_drivers_that_spoke_otherwise_is_refused_in_one_line(tmp_path: Path) -> None:
+    # given a recording of a belahil that opened the generator first, and told no number of its conversation
+    recorded(tmp_path / "a.rec")
+
+    def older(number: int, record: Any, data: bytes) -> tuple[Any, bytes]:
+        if record.kind == "header":
+            header = json.loads(data)
+            assert header.pop("conversation") == 2
+            data = json.dumps(header).encode()
+        return record, data
+
+    path = rewritten(tmp_path / "a.rec", older)
+    with pytest.raises(ConfigError, match=r"spoke otherwise \(conversation 1\).*\(2\).* parity` reads it"):
+        replayed(path)
+    # but what it holds can still be read
+    assert read_session(path).instruments["generator"].startswith("Agilent")
+
+
 def test_a_changed_answer_is_what_the_drivers_see(tmp_path: Path) -> None:
     # given a recording in which one byte of a window's packet was changed, with a right checksum of the file
     recorded(tmp_path / "a.rec")
@@ -222,10 +241,17 @@ def test_a_changed_answer_is_what_the_drivers_see(tmp_path: Path) -> None:
 
 
 def test_a_session_that_goes_on_longer_or_ends_earlier_than_recorded_is_a_difference(tmp_path: Path) -> None:
-    recorded(tmp_path / "a.rec")
-
+    # given a session that was closed after its last window, with nothing more asked
+    bench = open_bench(config("serial"), record=tmp_path / "a.rec")
+    outcomes(bench)
+    bench.close()
+    # when its replay is closed before that
+    earlier = open_bench(f"replay:{tmp_path / 'a.rec'}")
+    earlier.measure(*SCRIPT[0])
+    earlier.close()
     with pytest.raises(ReplayDiffers, match=r"recorded is a write to the .*, and now comes the closing of"):
-        replayed(tmp_path / "a.rec", 1)
+        earlier.links.check()
+    # or goes on behind it
     with pytest.raises(RecordingEnds, match=r"the recorded session ends here, and now comes a write to"):
         replayed(tmp_path / "a.rec", None, [(SINE, REQUEST)])
 

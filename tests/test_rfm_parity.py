@@ -42,7 +42,7 @@ class Kept:
     def __init__(self) -> None:
         self.shots: dict[int, Shot] = {}
 
-    def shot(self, request: WindowRequest, measure: Callable[[], Shot]) -> Shot:
+    def shot(self, request: WindowRequest, measure: Callable[[], Shot], why: Callable[[], str] = str) -> Shot:
         return self.shots.setdefault(request.shot, measure())
 
 

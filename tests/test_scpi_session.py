@@ -6,8 +6,8 @@ import errno
 import re
 import socket
 import threading
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, nullcontext
 
 import pytest
 from hypothesis import given
@@ -19,12 +19,14 @@ from belahil.errors import (
     ConfigError,
     CorruptData,
     InstrumentError,
+    Interfered,
     LinkClosed,
     LinkError,
     LinkTimeout,
     StaleData,
 )
 from drivers import scpi
+from drivers.patience import Patience
 from drivers.scpi import ScpiSession, read_error
 from drivers.visa_link import VisaLink
 
@@ -89,7 +91,7 @@ def test_questions_are_numbered_and_answers_cut_outside_of_quotes() -> None:
     answers = session.ask("A?", "B?")
     # then both come, and the message carried a number of its own
     assert answers == ["1", '"x;y"']
-    assert re.fullmatch(rb"\*ESE \d+;A\?;B\?;\*ESE\?\n", link.sent[-1])
+    assert re.fullmatch(rb"\*ESE\?;\*ESE \d+;A\?;B\?;\*ESE\?\n", link.sent[-1])
 
 
 def test_numbers_go_round_without_zero() -> None:
@@ -111,7 +113,8 @@ def test_an_answer_in_pieces_is_put_together() -> None:
     [
         (lambda answer: [], LinkTimeout),
         (lambda answer: [answer[:-2]], LinkTimeout),
-        (lambda answer: [answer[:1] + b"\n"], StaleData),
+        (lambda answer: [answer[:2] + b"\n"], StaleData),
+        (lambda answer: [b"7" + answer[2:]], Interfered),
         (lambda answer: [b"what;\n"], CorruptData),
         (lambda answer: [b"\n"], CorruptData),
         (lambda answer: [b"1;2;" + answer], CorruptData),
@@ -270,6 +273,77 @@ def test_one_damage_gives_the_right_number_of_fields_or_an_error(
         assert kind == "flip" or answer == [value, '"x;y"']
 
 
+class SlowLink(ScriptedLink):
+    """A link whose bytes come in portions, each some time after the one before."""
+
+    def __init__(self, portion_bytes: int, pause_s: float, begin_s: float = 0.0) -> None:
+        super().__init__()
+        self._portion_bytes, self._pause_s, self.begin_s = portion_bytes, pause_s, begin_s
+        self._wait_s = 0.0
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        whole = b"".join(self.arriving)
+        cuts = range(0, len(whole), self._portion_bytes)
+        self.arriving = [whole[at : at + self._portion_bytes] for at in cuts]
+        self._wait_s = self.begin_s
+
+    def read(self, count: int, timeout_s: float) -> bytes:
+        if not self.arriving or self._wait_s > timeout_s:
+            self._wait_s -= timeout_s
+            self.now += timeout_s
+            return b""
+        self.now += self._wait_s
+        self._wait_s = self._pause_s
+        return self.arriving.pop(0)
+
+
+def test_an_answer_may_take_as_long_as_its_bytes_keep_coming() -> None:
+    # given a line that carries 1000 bytes a second
+    link = SlowLink(500, 0.5)
+    session = ScpiSession(link, link, "here")
+    # when it brings an answer of 20 kB, it takes 20 s, and comes whole
+    link.table["A?"] = "7" * 20_000
+    assert session.ask("A?") == [link.table["A?"]]
+    link.table["A?"] = "#520000" + "x" * 20_000
+    assert session.ask_block("A?") == b"x" * 20_000
+    assert link.now > 35
+    # and when it falls silent in the middle, that says how far it came
+    link.disturb = lambda answer: [answer[:3000]]
+    with pytest.raises(LinkTimeout, match=r"^here: 3000 of 20007 bytes of a block came in 4\.5 s$"):
+        session.ask_block("A?")
+
+
+def test_bytes_that_trickle_do_not_keep_a_question_for_ever() -> None:
+    clock = ScriptedLink()
+    patience = Patience(clock, 2.0, 2.0)
+    while patience.left_s() and clock.now < 1000:
+        clock.now += 1.9
+        patience.came(1)
+    assert clock.now < 5
+    assert str(patience) == f"{clock.now:.3g} s"
+
+
+@pytest.mark.parametrize(
+    ("work", "longest_s"),
+    [
+        (lambda session: session.send("FOO 1"), 2.0),
+        (lambda session: session.send("*RST", "*CLS"), 10.0),
+        (lambda session: session.send_raw("FOO ", bytes(300_000)), 5.0),
+    ],
+)
+def test_work_that_takes_an_instrument_its_time_is_waited_for(
+    work: Callable[[ScpiSession], None], longest_s: float
+) -> None:
+    for late_s, comes in ((longest_s - 0.1, True), (longest_s + 0.1, False)):
+        link = SlowLink(4096, 0.0)
+        session = ScpiSession(link, link, "here")
+        work(session)
+        link.begin_s = late_s
+        with nullcontext() if comes else pytest.raises(LinkTimeout):
+            assert session.ask("A?") == ["1"]
+
+
 # On real sockets, with pyvisa-py.
 
 
@@ -280,10 +354,12 @@ def _served(*behaviours: str) -> Iterator[str]:
 
     def attend(connection: socket.socket, behaviour: str) -> None:
         with connection, connection.makefile("rb") as lines:
+            mark = b"0"
             for count, line in enumerate(lines):
-                number = re.match(rb"\*ESE (\d+)", line)
-                said = number[1] if number else b""
-                answer = said + b";" + IDENTITY.encode() if b"IDN" in line else b"1;" + said
+                number = re.search(rb"\*ESE (\d+)", line)
+                before, mark = mark, number[1] if number else b""
+                asked = before + b";1;" + mark if number else b"1;"
+                answer = mark + b";" + IDENTITY.encode() if b"IDN" in line else asked
                 if count < 2 or behaviour == "sound":
                     connection.sendall(answer + b"\n")
                 elif behaviour == "close":

@@ -15,18 +15,22 @@ from belahil.errors import (
     CorruptData,
     InstrumentError,
     InstrumentRefused,
+    Interfered,
     LimitExceeded,
     LinkClosed,
     LinkError,
+    StaleData,
 )
 from belahil.generators import GeneratorSetting, model_of, setting_for, stimulus_of
 from belahil.stimuli import SampledPulse, Sine
 from drivers.scpi import NO_ERROR, TRIGGER_IGNORED, read_error
 
 if TYPE_CHECKING:
+    from collections.abc import Container
+
     from belahil.generators import ArbBlock, GeneratorModel
     from belahil.stimuli import Stimulus
-    from drivers.generators.dialect import Dialect, Item
+    from drivers.generators.dialect import Dialect, Expected, Item
     from drivers.scpi import ScpiSession
 
 
@@ -52,8 +56,9 @@ class VerifiedGenerator:
     Notes
     -----
     The instrument is reset when it is opened, and again after any error: its output is off then. Only what
-    has changed is sent. It is read back together with the error queue, and everything is sent once more
-    when either is not as expected: all commands may be repeated.
+    has changed is sent. All settings are read back together with the error queue. Everything is sent once
+    more when what was sent is not there: all commands may be repeated. What is otherwise though it was not
+    sent is somebody else's doing, and `Interfered`; the next `prepare` sends everything.
     """
 
     def __init__(self, session: ScpiSession, dialect: Dialect, load_ohm: float, largest_v: float) -> None:
@@ -95,6 +100,8 @@ class VerifiedGenerator:
             The model cannot make it; nothing was sent.
         InstrumentRefused
             With the first entry of the error queue; the output is off.
+        Interfered
+            Another program has set the instrument since.
         LinkError
             No proof that it is set.
         """
@@ -132,7 +139,41 @@ class VerifiedGenerator:
             raise InstrumentRefused(
                 f"{self._model.name}: trigger ignored: no stimulus waits for one", TRIGGER_IGNORED
             )
-        self._session.send(self._dialect.trigger)
+        try:
+            self._session.send(self._dialect.trigger)
+        except LinkError:
+            self._verified = None
+            raise
+
+    def confirm(self, whole: bool = False) -> None:
+        """Prove that nobody has set the instrument since the last `prepare` or `output`.
+
+        Parameters
+        ----------
+        whole : bool
+            Read back all settings, and not only the marks of our questions and the output's switch.
+
+        Raises
+        ------
+        Interfered
+            Somebody has; the next `prepare` sends everything.
+        InstrumentRefused
+            An error waits in the queue.
+        LinkError
+            No proof.
+        """
+        self._check_open()
+        now, self._verified = self._verified, None
+        if now is None:
+            raise StaleData(f"{self._model.name}: nothing is proved to be set")
+        if whole:
+            self._verify([*self._base, *self._dialect.items(now, self._model)], sent=())
+        else:
+            off = self._dialect.off
+            (answer,) = self._session.ask(off.query)
+            if self._dialect.agrees(answer, off.expected) == now.output:
+                raise self._interfered(off.query, answer, "on" if now.output else "off")
+        self._verified = now
 
     def close(self) -> bool:
         """Switch the output off and let go of the link; never raises for a dead link.
@@ -166,7 +207,7 @@ class VerifiedGenerator:
             self._session.pause(self._model.rest_before_on_s)
         try:
             self._set(before, wanted)
-        except LinkClosed:
+        except (LinkClosed, Interfered):
             raise
         except (LinkError, InstrumentRefused):
             self._session.recover()
@@ -186,7 +227,7 @@ class VerifiedGenerator:
             raise
 
     def _set(self, before: GeneratorSetting | None, wanted: GeneratorSetting) -> None:
-        """Send what differs from `before` and read it back; all is read back when nothing does."""
+        """Send what differs from `before`, and read all of it back."""
         items = self._dialect.items(wanted, self._model, before)
         if before is None:
             self._session.send(*self._dialect.reset(), *(item.command for item in self._base))
@@ -195,7 +236,8 @@ class VerifiedGenerator:
         changed = self._changed(items, before, wanted)
         if changed:
             self._session.send(*(item.command for item in changed if item.command))
-        self._verify(changed if before and changed else [*self._base, *items])
+        sent = changed if before else [*self._base, *items]
+        self._verify([*self._base, *items], {item.query for item in sent})
 
     def _changed(
         self, items: list[Item], before: GeneratorSetting | None, wanted: GeneratorSetting
@@ -206,7 +248,8 @@ class VerifiedGenerator:
         known = {item.query: item.expected for item in self._dialect.items(before, self._model)}
         return [item for item in items if known.get(item.query) != item.expected]
 
-    def _verify(self, items: list[Item]) -> None:
+    def _verify(self, items: list[Item], sent: Container[str]) -> None:
+        """Read items back; `sent` holds the questions of those that were sent."""
         queries = [item.query for item in items]
         if self._model.error_queue_depth:
             *answers, error = self._session.ask(*queries, ":SYST:ERR?")
@@ -216,11 +259,20 @@ class VerifiedGenerator:
         else:
             answers = self._session.ask(*queries)
         for item, answer in zip(items, answers, strict=True):
-            if not self._dialect.agrees(answer, item.expected):
-                raise CorruptData(
-                    f"{self._model.name}: {item.command or item.query} was to give {item.expected}, "
-                    f"and {item.query} answers {answer}"
-                )
+            if self._dialect.agrees(answer, item.expected):
+                continue
+            if item.query not in sent:
+                raise self._interfered(item.query, answer, item.expected)
+            raise CorruptData(
+                f"{self._model.name}: {item.command or item.query} was to give {item.expected}, "
+                f"and {item.query} answers {answer}"
+            )
+
+    def _interfered(self, query: str, answer: str, expected: Expected) -> Interfered:
+        return Interfered(
+            f"{self._model.name}: {query} answers {answer}, and {expected} was set: another program, or a "
+            "hand at its panel, has changed it"
+        )
 
     def _refuse(self, errors: list[tuple[int, str]]) -> None:
         if errors:
