@@ -351,3 +351,46 @@ def test_modulations_of_an_afg_are_remembered(client_afg: Any, port: Port) -> No
     client_afg.write("SOURce1:PM:STATe ON")
     assert client_afg.check_errors()[0][0] == 901
     client_afg.write("SOURce1:PM:STATe OFF;:output1:state off")
+
+
+def test_an_afg_remembers_files_noise_and_its_timer_and_adds_no_signal(client_afg: Any, port: Port) -> None:
+    # as QCoDeS asks
+    for header, answer in (
+        ("SOURce1:FUNCtion:EFILe", '"A ""B"".TFW"'),
+        ("SOURce2:AM:INTernal:FUNCtion:EFILe", '"M.TFW"'),
+        ("SOURce2:COMBine:FEED", '""'),
+    ):
+        client_afg.write(f"{header} {answer}")
+        assert client_afg.ask(f"{header}?").strip() == answer
+    for header, value in (
+        ("TRIGger:SEQuence:TIMer", "0.5s"),
+        ("SOURce3:POWer:LEVel:IMMediate:AMPLitude", "10PCT"),
+        ("SOUR4:POW", "20PCT"),
+    ):
+        client_afg.write(f"{header} {value}")
+        assert float(client_afg.ask(f"{header}?")) == float(value.rstrip("sPCT"))
+    assert float(client_afg.ask("SOURce3:POWer?")) == 10
+    # and noise that is added plays nothing
+    client_afg.write("output1:state on;:SOURce1:COMBine:FEED 'NOISe'")
+    assert client_afg.check_errors()[0][0] == 901
+    assert client_afg.ask("SOURce1:COMBine:FEED?").strip() == "NOIS"
+    client_afg.write("SOURce1:COMBine:FEED '';:output1:state off")
+
+
+def test_an_sdg_tells_that_modulations_and_sweeps_are_off(port: Port) -> None:
+    # as QCoDeS asks
+    library = EmulatedVisa(PlantClock()).plug(NAME, generator_device(MODELS["SDG2042X"], port))
+    line: Any = pyvisa.ResourceManager(library).open_resource(
+        NAME, read_termination="\n", write_termination="\n"
+    )
+    for word in ("MDWV", "SWWV"):
+        line.write(f"C2:{word} STATE,OFF")
+        assert line.query(f"C2:{word}?") == f"C2:{word} STATE,OFF"
+        assert line.query("SYST:ERR?").startswith("0,")
+        line.write(f"C2:{word} STATE,ON")
+        assert line.query("SYST:ERR?").startswith("-221,")
+    assert line.query("C1:SYNC?") == "C1:SYNC OFF"
+    line.write("C1:SYNC ON,TYPE,CH2")
+    assert line.query("C1:SYNC?") == "C1:SYNC ON,TYPE,CH2"
+    line.write("C1:INVT ON")
+    assert line.query("C1:INVT?;C1:OUTP?") == "C1:INVT ON;C1:OUTP OFF,LOAD,HZ,PLRT,INVT"

@@ -4,6 +4,9 @@ A command is a channel, a word, and names with values (``C1:BSWV FRQ,1000``). Wh
 without a word; only what cannot be understood is queued. Settings, their order and their digits are as owners
 of such instruments have measured them and published, see docs/instruments.md.
 
+Modulation and sweeps are off, and tell it; switching one on is error -221, and while it is off nothing else
+of it changes. The synchronous output is remembered and told alone.
+
 What this does not model: modulation, sweeps, harmonics, noise, pulses with their own timing; built-in
 waveforms by their index; TrueArb against DDS, which plays the same points here; what firmware refuses in
 TrueArb.
@@ -19,13 +22,19 @@ from sim.devices.generators.siglent_sdg_words import (
     change_arb,
     change_burst,
     change_output,
+    change_polarity,
     change_rate,
+    change_sync,
     change_wave,
+    keep_off,
     pairs_of,
     shown_arb,
     shown_burst,
+    shown_off,
     shown_output,
+    shown_polarity,
     shown_rate,
+    shown_sync,
     shown_wave,
 )
 from sim.devices.generators.siglent_wavedata import WaveConnection
@@ -94,6 +103,10 @@ class SiglentSdg(EmulatedGenerator):
         self._add("SRATE", change_rate, shown_rate)
         self._add("ARWV", change_arb, shown_arb)
         self._add("BTWV", self._burst, shown_burst)
+        self._add("MDWV", keep_off, shown_off)
+        self._add("SWWV", keep_off, shown_off)
+        self._add("SYNC", change_sync, shown_sync)
+        self._add("INVT", change_polarity, shown_polarity)
         self.tree.add("C#:WVDT", Action(self._upload, 4, _MOST_PARAMETERS))
         self.tree.add("WVDT", query=Action(self._uploaded, 1, 2))
         self.tree.add("STL", query=Action(lambda call: f"STL {self._waves.listed()}", 0, 1))

@@ -78,6 +78,8 @@ class SdgChannel(Levels):
     trigger_source: str = "INT"
     trigger_output: str = "OFF"
     edge: str = "RISE"
+    sync: bool = False
+    sync_type: str = "CH1"
 
     @property
     def least_vpp(self) -> float:

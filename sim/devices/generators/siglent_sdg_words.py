@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 
 from belahil.generators import round_to_step
 from sim.devices.scpi.parser import Token
+from sim.devices.scpi.status import ScpiError
 
 if TYPE_CHECKING:
     from sim.devices.generators.siglent_sdg_channel import SdgChannel
 
 Pairs = list[tuple[str, str]]
 _SHAPES = ("SINE", "SQUARE", "RAMP", "PULSE", "NOISE", "ARB", "DC")
+_SYNC_TYPES = ("CH1", "CH2", "MOD_CH1", "MOD_CH2")
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*([a-zA-Z/]*)")
 _MULTIPLIERS = {"K": 1e3, "M": 1e6, "G": 1e9, "U": 1e-6, "N": 1e-9}
 _MOST_DELAY_S = 100.0
@@ -72,6 +74,49 @@ def shown_output(channel: SdgChannel) -> str:
     load = "HZ" if math.isinf(channel.load_ohm) else f"{channel.load_ohm:.0f}"
     polarity = "INVT" if channel.polarity == "INV" else "NOR"
     return f"{'ON' if channel.output else 'OFF'},LOAD,{load},PLRT,{polarity}"
+
+
+def change_polarity(channel: SdgChannel, pairs: Pairs) -> None:
+    """Do ``INVT``, which is polarity too."""
+    for key, value in pairs:
+        if key == "STATE":
+            channel.polarity = "INV" if value.upper() == "ON" else "NORM"
+
+
+def shown_polarity(channel: SdgChannel) -> str:
+    """Answer ``INVT?``."""
+    return "ON" if channel.polarity == "INV" else "OFF"
+
+
+def change_sync(channel: SdgChannel, pairs: Pairs) -> None:
+    """Do ``SYNC``."""
+    for key, value in pairs:
+        if key == "STATE":
+            channel.sync = value.upper() == "ON"
+        elif key == "TYPE" and value.upper() in _SYNC_TYPES:
+            channel.sync_type = value.upper()
+
+
+def shown_sync(channel: SdgChannel) -> str:
+    """Answer ``SYNC?``; what does not matter now is left out (assumed)."""
+    return f"ON,TYPE,{channel.sync_type}" if channel.sync else "OFF"
+
+
+def keep_off(_: SdgChannel, pairs: Pairs) -> None:
+    """Do ``MDWV`` and ``SWWV``: they can be off alone.
+
+    Raises
+    ------
+    ScpiError
+        -221 for what is to be on.
+    """
+    if ("STATE", "ON") in [(key, value.upper()) for key, value in pairs]:
+        raise ScpiError(-221, "modulations and sweeps are not emulated")
+
+
+def shown_off(_: SdgChannel) -> str:
+    """Answer ``MDWV?`` and ``SWWV?``."""
+    return "STATE,OFF"
 
 
 def change_wave(channel: SdgChannel, pairs: Pairs) -> None:

@@ -26,9 +26,13 @@ from sim.devices.generator_commands import (
 )
 from sim.devices.generator_levels import Levels
 from sim.devices.generator_output import burst_s
-from sim.devices.generator_settings import Switch, Word
+from sim.devices.generator_settings import Number, Switch, Word
 from sim.devices.generators.tektronix_afg_arbs import EditMemory, add_memory_commands, memory_name
-from sim.devices.generators.tektronix_afg_modulation import AfgModulated, modulation_settings
+from sim.devices.generators.tektronix_afg_modulation import (
+    AfgModulated,
+    file_settings,
+    modulation_settings,
+)
 from sim.devices.scpi.numeric import DEGREE, HERTZ, PERCENT, SECOND, Units
 from sim.devices.scpi.parameters import Choices
 from sim.devices.scpi.status import ScpiError
@@ -134,7 +138,10 @@ class TektronixAfg(EmulatedGenerator):
 
     channels: list[AfgChannel]
     signed = False
-    shared_fields = ("trigger_mode", "trigger_slope", "reference")
+    shared_fields = (
+        *("trigger_timer_s", "noise_3_percent", "noise_4_percent"),
+        *("trigger_mode", "trigger_slope", "reference"),
+    )
 
     def __init__(
         self,
@@ -154,6 +161,7 @@ class TektronixAfg(EmulatedGenerator):
             for number in range(1, self.model.channels + 1)
         ]
         self.trigger_mode = "TRIG"
+        self.trigger_timer_s, self.noise_3_percent, self.noise_4_percent = 1e-3, 0.0, 0.0
         self.trigger_slope = "POS"
         self.reference = "INT"
 
@@ -212,8 +220,12 @@ class TektronixAfg(EmulatedGenerator):
             setting.enter(self.tree, self._choose)
         for remembered in modulation_settings(self.model):
             remembered.enter(self.tree, self._choose, answer_number)
+        for kept in file_settings():
+            kept.enter(self.tree, self._choose, answer_number)
         for shared in _SHARED_SETTINGS:
             shared.enter(self.tree, lambda call: self)
+        for number in _SHARED_NUMBERS:
+            number.enter(self.tree, lambda call: self, answer_number)
         sources = Choices("TIMer", "EXTernal")
         self.tree.add(
             "TRIGger[:SEQuence]:SOURce",
@@ -307,4 +319,20 @@ _SHARED_SETTINGS: tuple[Word | Switch, ...] = (
     Word("OUTPut:TRIGger:MODE", "trigger_mode", Choices("TRIGger", "SYNC")),
     Word("TRIGger[:SEQuence]:SLOPe", "trigger_slope", Choices("POSitive", "NEGative")),
     Word("[SOURce:]ROSCillator:SOURce", "reference", Choices("INTernal", "EXTernal")),
+)
+_SHARED_NUMBERS = (
+    Number("TRIGger[:SEQuence]:TIMer", "trigger_timer_s", SECOND, 1e-6, 500.0, 1e-3),
+    # Of the noise that may be added to each channel; its sources are called 3 and 4, in short and in full.
+    *(
+        Number(
+            f"{source}{number}:POWer[:LEVel][:IMMediate][:AMPLitude]",
+            f"noise_{number}_percent",
+            PERCENT,
+            0.0,
+            50.0,
+            0.0,
+        )
+        for number in (3, 4)
+        for source in ("SOUR", "SOURCE")
+    ),
 )

@@ -1,21 +1,26 @@
 """Modulations, sweeps and edges of a Tektronix AFG: remembered and answered, never played.
 
 Headers and words are those of the public programmer manual of the AFG3000 series; defaults are assumed where
-it has none, and limits that depend on other settings are not kept.
+it has none, and limits that depend on other settings are not kept. No file is opened: names of files are
+remembered alone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from sim.devices.generator_levels import Levels
 from sim.devices.generator_settings import Number, Setting, Switch, Word
 from sim.devices.scpi.numeric import DEGREE, HERTZ, PERCENT, SECOND
-from sim.devices.scpi.parameters import Choices
+from sim.devices.scpi.parameters import Choices, read_name
+from sim.devices.scpi.parser import Token
+from sim.devices.scpi.tree import Action
 
 if TYPE_CHECKING:
     from belahil.generators import GeneratorModel
+    from sim.devices.generator_settings import Answer, ChooseAny
+    from sim.devices.scpi.tree import Call, HeaderTree
 
 _WAVES = Choices(
     "SINusoid", "SQUare", "TRIangle", "RAMP", "NRAMp", "PRNoise", "USER1", "USER2", "USER3", "USER4",
@@ -63,6 +68,12 @@ class AfgModulated(Levels):
     sweep_return_s: float = 1e-3
     frequency_together: bool = False
     voltage_together: bool = False
+    combined: str = ""
+    file: str = ""
+    am_file: str = ""
+    fm_file: str = ""
+    pm_file: str = ""
+    pwm_file: str = ""
     pulse_width_s: float = 500e-9
     pulse_delay_s: float = 0.0
     pulse_lead_s: float = 5e-9
@@ -70,8 +81,43 @@ class AfgModulated(Levels):
 
     @property
     def is_modulated(self) -> bool:
-        """Whether any modulation is on."""
-        return self.am or self.fm or self.pm or self.pwm or self.fsk
+        """Whether any modulation is on, or another signal is added."""
+        return bool(self.combined) or self.am or self.fm or self.pm or self.pwm or self.fsk
+
+
+class Text(NamedTuple):
+    """A string, kept as it was sent; one of some words may have to stand in it."""
+
+    header: str
+    field: str
+    choices: Choices | None = None
+
+    def enter(self, tree: HeaderTree, choose: ChooseAny, answer: Answer) -> None:
+        """Add command and query to a tree; `choose` finds the channel of a call."""
+
+        def set_it(call: Call) -> None:
+            token = call.parameters[0]
+            text = read_name(token)
+            if self.choices and text:
+                text = self.choices.read(Token("character", text))
+            setattr(choose(call), self.field, text)
+
+        def get_it(call: Call) -> str:
+            text = str(getattr(choose(call), self.field))
+            return text if self.choices and text else '"' + text.replace('"', '""') + '"'
+
+        tree.add(self.header, Action(set_it, 1, 1), Action(get_it))
+
+
+def file_settings() -> tuple[Text, ...]:
+    """Return what a channel remembers of files and of signals that are added to its own."""
+    shape = "[SOURce#:]FUNCtion:EFILe"
+    by_wave = [
+        Text(f"[SOURce#:]{way}:INTernal:FUNCtion:EFILe", f"{way.lower()}_file")
+        for way in ("AM", "FM", "PM", "PWM")
+    ]
+    added = Text("[SOURce#:]COMBine:FEED", "combined", Choices("NOISe", "EXTernal", "BOTH"))
+    return (*by_wave, Text(shape, "file"), added)
 
 
 def modulation_settings(model: GeneratorModel) -> tuple[Setting, ...]:
