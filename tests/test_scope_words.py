@@ -43,6 +43,7 @@ def numbers(text: str) -> list[float]:
         ("keysight-infiniivision", ":ACQ:COUN?;COUN 64;COUN?", [8, 64]),
         ("keysight-infiniivision", ":WAV:POIN 100;POIN?;:SING;:WAV:POIN?", [100, 100]),
         ("rigol-ds1000z", ":WAV:POIN?;STAR 5;POIN 100;POIN?;STOP?", [1200, 100, 104]),
+        ("rigol-ds1000z", ":ACQ:AVER?;AVER 64;AVER?", [2, 64]),
         ("siglent-sds", "AVGA?;AVGA 32;AVGA?;C1:TRLV 0.1;C1:TRLV?", [16, 32, 0.1]),
         ("tektronix-mso", ":HEAD 0;:HOR:SCA 1E-6;SCA?;SAMPLER?;RECO?", [1e-6, 1e9, 1e4]),
         ("tektronix-mso", ":HEAD 0;:HOR:SCA 1E-9;SAMPLER?;RECO?", [3.125e9, 1e4]),
@@ -90,14 +91,26 @@ def test_a_screen_of_a_rigol_is_its_record_at_equal_steps() -> None:
     assert np.frombuffer(data.encode("latin-1"), "<u2") == pytest.approx(record.counts[::10])
 
 
-@pytest.mark.parametrize("setting", [":CHAN1:INV 1", ":ACQ:MODE SEGM"])
-def test_what_would_give_other_volts_takes_no_record(setting: str) -> None:
-    device = scope("keysight-infiniivision")
-    ask(device, f"{setting};:SING;:TRIG:FORC")
+@pytest.mark.parametrize(
+    ("driver", "setting", "force"),
+    [
+        ("keysight-infiniivision", ":CHAN1:INV 1", ":TRIG:FORC"),
+        ("keysight-infiniivision", ":ACQ:MODE SEGM", ":TRIG:FORC"),
+        ("rigol-ds1000z", ":CHAN1:INV 1", ":TFOR"),
+    ],
+)
+def test_what_would_give_other_volts_takes_no_record(driver: str, setting: str, force: str) -> None:
+    device = scope(driver)
+    ask(device, f"{setting};:SING;{force}")
     assert ask(device, "SYST:ERR?").startswith("-221,")
     assert device.record() is None
-    ask(device, ":SYST:PRES;:SING")
+    ask(device, f"*RST;:SING;{force}")
     assert device.record() is not None
+
+
+def test_a_tektronix_tells_counts_as_whole_numbers() -> None:
+    device = scope("tektronix-mso")
+    assert ask(device, ":HEAD 0;:HOR:MOD:RECO?;:ACQ:NUMAV?;:DAT:STAR?") == "10000;16;1"
 
 
 def test_all_settings_of_a_channel_and_of_time_come_at_once() -> None:

@@ -114,7 +114,7 @@ def test_the_afg_answers_after_a_reset(afg: Talk) -> None:
         ("SOUR1:FREQ 120MHZ;:SOUR1:FUNC EMEM", "SOUR1:FREQ?", 75e6, -221),
         ("SOUR1:FUNC SINE", "SOUR1:FREQ?", 1e6, -224),
         ("SOUR1:FUNC USER3", "SOUR1:FREQ?", 1e6, -224),
-        ("SOUR3:FREQ 1", "SOUR1:FREQ?", 1e6, -114),
+        ("SOUR5:FREQ 1", "SOUR1:FREQ?", 1e6, -114),
         ("SOUR1:APPL:SIN 1E3", "SOUR1:FREQ?", 1e6, -113),
         ("SOUR1:VOLT:LIM:HIGH 0.6V;:SOUR1:VOLT 2", "SOUR1:VOLT?", 1.2, -222),
         ("SOUR1:BURS:TDEL 123.4567US", "SOUR1:BURS:TDEL?", 123.46e-6, 0),

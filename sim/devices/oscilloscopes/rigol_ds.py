@@ -5,7 +5,9 @@ trigger input at the two-channel models, times without the trigger's place betwe
 start forgets the old record, that the screen's own waveform (mode NORMal) is the record's samples at equal
 steps, and ``:WAVeform:POINts``, which public drivers use and the guides do not have.
 
-What this does not model: automatic memory depth, measurements, pictures of the screen, and other triggers.
+Averages are remembered and told alone; of an inverted channel no record is taken, and error -221 tells of
+it. What this does not model: automatic memory depth, measurements, pictures of the screen, and other
+triggers.
 """
 
 from __future__ import annotations
@@ -58,6 +60,8 @@ _SETTINGS = (
     Word("TRIGger:EDGe:SLOPe", "trigger_slope", Choices("POSitive", "NEGative", "RFALl")),
     Number("TRIGger:EDGe:LEVel", "trigger_v", VOLT, -100.0, 100.0, 0.0),
     Word("TRIGger:SWEep", "sweep", Choices("AUTO", "NORMal", "SINGle")),
+    Switch("CHANnel#:INVert", "inverted"),
+    Number("ACQuire:AVERages", "averages", None, 2.0, 1024.0, 2.0, step=1.0),
     Word("ACQuire:TYPE", "acquisition", Choices("NORMal", "AVERages", "PEAK", "HRESolution")),
     Word("WAVeform:SOURce", "source", _SOURCES),
     Word("WAVeform:MODE", "mode", Choices("NORMal", "MAXimum", "RAW")),
@@ -87,7 +91,7 @@ class RigolScope(ScopeDevice):
         self._add_commands()
 
     def _set_defaults(self) -> None:
-        self.display, self.vernier = True, False
+        self.display, self.vernier, self.inverted, self.averages = True, False, False, 2.0
         self.coupling, self.bandwidth_limit = "DC", "OFF"
         self.probe, self.scale_v, self.offset_v = 10.0, 1.0, 0.0
         self.timebase, self.scale_s, self.position_s = "MAIN", 1e-6, 0.0
@@ -110,6 +114,8 @@ class RigolScope(ScopeDevice):
 
     def view(self) -> tuple[float, float, float, float, int]:
         """Return what fills the screen: the whole memory."""
+        if self.inverted:
+            raise ScpiError(-221, "not emulated: an inverted channel")
         span_s = self.scale_s * self.model.divisions
         full_scale_v = self.scale_v / CODES_A_DIVISION * self.model.code_count
         interval_s = self.interval_over(span_s, self.depth)

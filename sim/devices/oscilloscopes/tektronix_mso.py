@@ -87,7 +87,8 @@ class TektronixScope(ScopeDevice):
         self._set_defaults()
         common = set(self.tree.actions)
         for setting in (*_SETTINGS, _SCALE):
-            setting.enter(self.tree, lambda call: self)
+            counts = isinstance(setting, Number) and setting.step == 1
+            setting.enter(self.tree, lambda call: self, _whole if counts else answer_number)
         self._add_commands()
         self._dress_answers(common)
 
@@ -257,3 +258,7 @@ class TektronixScope(ScopeDevice):
             return f":{header_of(pattern, call.suffixes, self.verbose)} {said}"
 
         return answer
+
+
+def _whole(count: float) -> str:
+    return f"{count:.0f}"
