@@ -97,15 +97,26 @@ def test_a_screen_of_a_rigol_is_its_record_at_equal_steps() -> None:
         ("keysight-infiniivision", ":CHAN1:INV 1", ":TRIG:FORC"),
         ("keysight-infiniivision", ":ACQ:MODE SEGM", ":TRIG:FORC"),
         ("rigol-ds1000z", ":CHAN1:INV 1", ":TFOR"),
+        ("siglent-sds", "C1:INVS ON", "FRTR"),
     ],
 )
 def test_what_would_give_other_volts_takes_no_record(driver: str, setting: str, force: str) -> None:
     device = scope(driver)
-    ask(device, f"{setting};:SING;{force}")
+    single = "TRMD SINGLE" if driver == "siglent-sds" else ":SING"
+    ask(device, f"{setting};{single};{force}")
     assert ask(device, "SYST:ERR?").startswith("-221,")
     assert device.record() is None
-    ask(device, f"*RST;:SING;{force}")
+    ask(device, f"*RST;{single};{force}")
     assert device.record() is not None
+
+
+def test_a_siglent_remembers_what_lecroy_calls_its_own_too() -> None:
+    # as PyMeasure sets a T3DSO1204
+    device = scope("siglent-sds")
+    words = "C1:UNIT?;C1:INVS?;C1:TRCP?;C1:SKEW?"
+    assert ask(device, words) == "V;OFF;DC;0.00E+00"
+    assert ask(device, f"C1:UNIT A;C1:INVS ON;C1:TRCP HFREJ;C1:SKEW 50NS;{words}") == "A;ON;HFREJ;5.00E-08"
+    assert ask(device, "SYST:ERR?").endswith('0,"No error"')
 
 
 def test_a_tektronix_tells_counts_as_whole_numbers() -> None:

@@ -6,8 +6,9 @@ that the first point of the waveform setup takes any whole number, and that the 
 positive for later times, is about the middle of the screen.
 
 What this does not model: answers with headers (``CHDR SHORT`` and ``LONG`` are taken and not followed),
-sparse waveforms, and other triggers than the external one. Averages, and level and slope of a channel as
-the trigger, are remembered and told alone; measurements (``PAVA?``) and pictures (``SCDP``) are not here.
+sparse waveforms, and other triggers than the external one. Averages, unit and skew, and level, slope and
+coupling of a channel as the trigger are remembered and told alone; measurements (``PAVA?``) and pictures
+(``SCDP``) are not here.
 """
 
 from __future__ import annotations
@@ -42,6 +43,9 @@ _OTHER_COMMAND, _OTHER_EXECUTION = 12, 21
 _WORDS = (
     Word("CHDR", "headers", Choices("OFF", "SHORT", "LONG")),
     Word("C#:TRA", "trace", Choices("ON", "OFF")),
+    Word("C#:UNIT", "unit", Choices("V", "A")),
+    Word("C#:INVS", "inverted", Choices("OFF", "ON")),
+    Word("C#:TRCP", "trigger_coupling", Choices("AC", "DC", "HFREJ", "LFREJ")),
     Word("C#:CPL", "coupling", Choices("A1M", "D1M", "GND")),
     Word("EX:TRSL", "trigger_slope", _SLOPES),
     Word("C#:TRSL", "channel_slope", _SLOPES),
@@ -53,6 +57,7 @@ _NUMBERS = (
     Number("C#:OFST", "offset_v", VOLT, -100.0, 100.0, 0.0),
     Number("TDIV", "division_s", SECOND, 1e-9, 100.0, 1e-6),
     Number("TRDL", "delay_s", SECOND, -5000.0, 5000.0, 0.0),
+    Number("C#:SKEW", "skew_s", SECOND, -1e-7, 1e-7, 0.0),
     Number("EX:TRLV", "trigger_v", VOLT, -100.0, 100.0, 0.0),
     Number("C#:TRLV", "channel_v", VOLT, -100.0, 100.0, 0.0),
 )
@@ -89,6 +94,7 @@ class SiglentScope(ScopeDevice):
         self.probe, self.division_v, self.offset_v, self.division_s = 1.0, 1.0, 0.0, 1e-6
         self.delay_s = self.trigger_v = self.channel_v = 0.0
         self.channel_slope, self.averages = "POS", 16
+        self.unit, self.inverted, self.trigger_coupling, self.skew_s = "V", "OFF", "DC", 0.0
         self.bandwidth_limits = dict.fromkeys(_CHANNELS, "OFF")
         self.depth = self.model.record_lengths[0]
         self.setup = {"SP": 0, "NP": 0, "FP": 0}
@@ -110,6 +116,8 @@ class SiglentScope(ScopeDevice):
 
     def view(self) -> tuple[float, float, float, float, int]:
         """Return what fills the screen: the whole memory."""
+        if self.inverted == "ON":
+            raise ScpiError(-221, "not emulated: an inverted channel")
         span_s = self.division_s * self.model.divisions
         full_scale_v = self.division_v / CODES_A_DIVISION * self.model.code_count
         interval_s = self.interval_over(span_s, self.depth)
