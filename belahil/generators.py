@@ -217,23 +217,30 @@ def _pulse_setting(
 def _codes(
     volts: NDArray[np.float64], model: GeneratorModel, load_ohm: float
 ) -> tuple[float, NDArray[np.int16]]:
-    """Return the smallest amplitude on the grid that covers a waveform, and its codes at that amplitude.
+    """Return an amplitude on the grid that a waveform fills, and its codes at that amplitude.
 
-    A peak is rounded up where, rounded down, it would be covered by a smaller amplitude already: what is
-    played would come out elsewhere when it is played again.
+    It is the smallest that covers the waveform, but where the peak, rounded down, is covered by a smaller one
+    already: what is played would come out elsewhere when it is played again. There the smaller one is taken
+    and cuts the peak by less than half a step; or, where its largest code leaves more than that of a peak,
+    the peak is rounded up.
     """
     peak = float(np.max(np.abs(volts)))
     least = round_amplitude(model.min_amplitude_vpp * per_50_ohm(load_ohm), model, up=True)
     amplitude = max(_covering(peak, model), least)
     _check_volts(amplitude, 0.0, model, load_ohm)
     codes = dac_codes(volts * (2 / amplitude), model.dac_bits, model.full_code)
-    played = int(np.max(np.abs(codes))) * amplitude / (2 * model.full_code)
-    if _covering(played, model) < amplitude > least:
-        highest = np.abs(volts) == peak
-        codes[highest] += (np.sign(volts[highest]) * code_step(model.dac_bits, model.full_code)).astype(
-            np.int16
-        )
-    return amplitude, codes
+    smaller = max(_covering(_played_peak(amplitude, codes, model), model), least)
+    if smaller >= amplitude:
+        return amplitude, codes
+    filled = dac_codes(volts * (2 / smaller), model.dac_bits, model.full_code)
+    highest = np.abs(volts) == peak
+    codes[highest] += np.sign(volts[highest]).astype(np.int16) * code_step(model.dac_bits, model.full_code)
+    cut = peak - _played_peak(smaller, filled, model)
+    return (smaller, filled) if cut < _played_peak(amplitude, codes, model) - peak else (amplitude, codes)
+
+
+def _played_peak(amplitude: float, codes: NDArray[np.int16], model: GeneratorModel) -> float:
+    return int(np.max(np.abs(codes))) * amplitude / (2 * model.full_code)
 
 
 def _covering(peak_v: float, model: GeneratorModel) -> float:
