@@ -6,13 +6,15 @@
 In the process each figure stands beside a fixed loop (`reference_loop`) timed in turn with it. Over TCP, a
 client with a raw socket asks a served bench and two bare echoes, each in a process of its own, in turn: one
 does nothing but receive and send back, the other waits in a selector, as a server of several clients must.
-Each is asked a few times in a row, as a client does that works with it. Medians; the figures are of this
-machine, and nothing asserts them.
+Each is asked a few times in a row, as a client does that works with it; first with client and server on
+processors of their own, as on two computers, then on one. Medians; the figures are of this machine, and
+nothing asserts them.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import socket
 import statistics
 import subprocess
@@ -153,7 +155,7 @@ def in_process(rounds: int) -> None:
 
 
 @contextmanager
-def served(program: str) -> Iterator[socket.socket]:
+def served(program: str, cores: set[int]) -> Iterator[socket.socket]:
     process = subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parent.parent
     )
@@ -161,6 +163,8 @@ def served(program: str) -> Iterator[socket.socket]:
         try:
             assert process.stdout is not None
             port = int(process.stdout.readline())
+            if cores:
+                os.sched_setaffinity(process.pid, cores)
             with socket.create_connection(("127.0.0.1", port)) as client:
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 yield client
@@ -176,8 +180,14 @@ def asked(client: socket.socket, line: bytes) -> bytes:
     return heard
 
 
-def over_tcp(rounds: int) -> None:
-    with served(SERVE) as bench, served(ECHO) as echo, served(SELECTING) as selecting:
+def over_tcp(rounds: int, places: str, client: set[int], servers: set[int]) -> None:
+    if client:
+        os.sched_setaffinity(0, client)
+    with (
+        served(SERVE, servers) as bench,
+        served(ECHO, servers) as echo,
+        served(SELECTING, servers) as selecting,
+    ):
         answer = asked(bench, b"*IDN?\n")
         block = HEADER + b"\x01\x02" * (BLOCK_BYTES // 2) + b";*ESE?\n"
         found = in_turn(
@@ -191,8 +201,9 @@ def over_tcp(rounds: int) -> None:
             },
             rounds,
         )
+    print(f"over TCP, client and server {places}:")
     for name, seconds in found.items():
-        print(f"{name:22s} {1e6 * seconds:9.1f} us over TCP")
+        print(f"{name:22s} {1e6 * seconds:9.1f} us")
     print(f"*IDN? / echo: {found['*IDN?'] / found['echo']:.2f}")
     print(f"*IDN? / selecting echo: {found['*IDN?'] / found['selecting echo']:.2f}")
     print(f"block / echo: {found['32 kB block'] / found['echo of 32 kB']:.2f}")
@@ -203,7 +214,13 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=300)
     rounds = parser.parse_args().rounds
     in_process(rounds)
-    over_tcp(rounds)
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+    if len(cores) < 2:
+        over_tcp(rounds, "wherever the system puts them", set(), set())
+        return
+    # Where the system puts them it may be one processor for the one and two for the other, ten times as far.
+    over_tcp(rounds, "on processors of their own", {cores[0]}, {cores[1]})
+    over_tcp(rounds, "on one processor", {cores[0]}, {cores[0]})
 
 
 if __name__ == "__main__":

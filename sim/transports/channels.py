@@ -196,7 +196,8 @@ class ScpiWire(Wire):
 
     def take(self, until_s: float = math.inf) -> bytes:
         """Give the answers."""
-        self._go_on(until_s)
+        if self.is_busy:
+            self._go_on(until_s)
         return b"".join(iter(self._connection.read, None))
 
     def _go_on(self, until_s: float) -> None:
