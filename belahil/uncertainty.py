@@ -74,13 +74,16 @@ def by_chance(chi_square: float, degrees_of_freedom: int) -> bool:
 def prefix_power(size: float, unit: str) -> int:
     """Power of ten, a multiple of three, that writes a number of this size with one to three digits.
 
-    A unit that begins with a number or a power ("1", "1e-6", "V-2") takes no prefix, nor do decibels. A
-    squared one ("V2") takes one whose square is meant, so that numbers begin at the third decimal.
+    A unit that begins with a number or a power ("1", "1e-6", "V-2") takes no prefix, nor do decibels and
+    degrees; metres take none above kilo, since nobody reads an altitude of 1.2 Mm at once. A squared one
+    ("V2") takes one whose square is meant, so that numbers begin at the third decimal.
 
     Examples
     --------
     >>> prefix_power(19e6, "Hz"), prefix_power(0.83e-3, "V"), prefix_power(1234.0, "1")
     (6, -6, 0)
+    >>> prefix_power(1.232e6, "m"), prefix_power(0.23, "deg")
+    (3, 0)
     >>> prefix_power(0.31e-6, "J V-1 s-1"), prefix_power(0.31e-6, "V-2")
     (-9, 0)
     >>> prefix_power(5.96e-9, "V2"), prefix_power(999e-6, "V2"), prefix_power(1e-3, "V2")
@@ -89,9 +92,12 @@ def prefix_power(size: float, unit: str) -> int:
     if _squared(unit) and 0 < size < math.inf:
         sixes = math.floor(math.log10(size) / 6 + 0.5 + 1e-12)
         return 2 * min(max(3 * sixes, min(PREFIXES)), max(PREFIXES))
-    if any(map(str.isdigit, unit.partition(" ")[0])) or unit == "dB" or size == 0 or not math.isfinite(size):
+    if any(map(str.isdigit, unit.partition(" ")[0])) or unit in ("dB", "deg"):
         return 0
-    return min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), min(PREFIXES)), max(PREFIXES))
+    if size == 0 or not math.isfinite(size):
+        return 0
+    largest = 3 if unit == "m" else max(PREFIXES)
+    return min(max(3 * math.floor(math.log10(abs(size)) / 3 + 1e-12), min(PREFIXES)), largest)
 
 
 def _squared(unit: str) -> bool:
