@@ -299,6 +299,51 @@ def test_objects_within_a_row_are_a_table_of_their_own() -> None:
     assert second.rows == (("3", "1.000(10)"), ("3", "\N{EN DASH}"))
 
 
+def test_objects_at_any_depth_are_tables_and_never_brackets() -> None:
+    # Given a list within an object, with rows that hold rows, which hold rows
+    def rms(value: float) -> dict[str, Any]:
+        return {"value": value, "standard_uncertainty": 0.1 * value, "unit": "m"}
+
+    deep = [{"name": "sloped", "deviations": [{"baseline_m": 1.5, "rms": rms(2.0), "by": [{"part": "a"}]}]}]
+    results = {
+        "analog": {"areas": deep, "known": 0.5},
+        "mixed": [{"a_s": 2e-9}, 3, None],
+        "list": [rms(1.0), rms(2e-3)],
+    }
+
+    # When they are laid out
+    rest, areas, deviations, parts = grids(results)
+
+    # Then each list is a table whose first columns tell whose rows these are, and nothing is Python
+    assert rest.rows == (
+        ("analog known", "0.5"),
+        ("mixed", "a 2 ns, 3, \N{EN DASH}"),
+        ("list", "1.00(10) m, 2.00(20) mm"),
+    )
+    assert (areas.title, areas.columns, areas.rows) == ("analog areas", ("name",), (("sloped",),))
+    assert deviations.title == "analog areas, deviations"
+    assert deviations.columns == ("name", "baseline (m)", "rms (m)")
+    assert deviations.rows == (("sloped", "1.5", "2.00(20)"),)
+    assert parts.title == "analog areas, deviations, by"
+    assert (parts.columns, parts.rows) == (("name", "baseline (m)", "part"), (("sloped", "1.5", "a"),))
+
+
+def test_numbers_of_one_column_with_units_that_differ_have_each_their_own() -> None:
+    # Given a range error, in metres, beside a probability
+    ours = [
+        {"value": value, "standard_uncertainty": 0.01, "unit": unit} for value, unit in ((2, "m"), (0.2, "1"))
+    ]
+
+    (only,) = grids({"statements": [{"ours": one} for one in ours]})
+
+    assert (only.columns, only.rows) == (("ours",), (("2.000(10) m",), ("0.200(10)",)))
+
+
+def test_a_length_is_never_in_megametres() -> None:
+    (only,) = grids({"cells": [{"altitude_m": 1.4e6}, {"altitude_m": 1.1e6}]})
+    assert (only.columns, only.rows) == (("altitude (km)",), (("1400",), ("1100",)))
+
+
 def test_an_object_that_is_null_in_a_row_has_no_column_beside_those_of_its_parts() -> None:
     (only,) = grids({"rows": [{"late": None, "high": None}, {"late": {"rms": 2}, "high": None}]})
     assert (only.columns, only.rows) == (

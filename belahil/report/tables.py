@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 from dataclasses import dataclass
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 SUFFIXES = {
     "hz": "Hz",
     "v": "V",
+    "m": "m",
+    "deg": "deg",
     "v2": "V2",
     "vpp": "Vpp",
     "s": "s",
@@ -84,25 +87,20 @@ class Span:
 def grids(results: dict[str, Any]) -> list[Grid]:
     """Lay out the results of any procedure: a table for each list of objects, one more for all the rest.
 
-    A list of objects within the objects of a list is a table of its own, whose first column tells where a row
-    belongs.
+    A list of objects within an object is a table too, and so is one within the objects of a list: its first
+    columns tell where a row belongs.
 
     Parameters
     ----------
     results : dict
         As in ``summary.json``.
     """
-    lists = {key: value for key, value in results.items() if _is_table(value)}
-    rest = {key: value for key, value in results.items() if key not in lists}
-    found = []
+    flat = _flat(results)
+    lists = {key: value for key, value in flat.items() if _is_table(value)}
+    rest = tuple(_row(key, value) for key, value in _without(flat, lists).items())
+    found = [Grid("Results", ("quantity", "value"), rest)] if rest else []
     for key, rows in lists.items():
-        flat = [_flat(row) for row in rows]
-        within = dict.fromkeys(name for row in flat for name, value in row.items() if _is_table(value))
-        found.append(_grid(named(key), [_without(row, within) for row in flat]))
-        found += [_grid(f"{named(key)}, {named(name)}", _inner(flat, name)) for name in within]
-    if rest:
-        rows = tuple(_row(key, value) for key, value in _flat(rest).items())
-        found.insert(0, Grid("Results", ("quantity", "value"), rows))
+        found += _tables(named(key), [_flat(row) for row in rows])
     return found
 
 
@@ -176,7 +174,8 @@ def unit_text(unit: str, power: int) -> str:
 
 
 def _is_table(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(row, dict) for row in value)
+    objects = isinstance(value, list) and bool(value) and all(isinstance(row, dict) for row in value)
+    return objects and not all(_is_measured(row) for row in value)
 
 
 def _is_measured(value: Any) -> bool:
@@ -227,12 +226,23 @@ def _without(row: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
     return {key: value for key, value in row.items() if key not in names}
 
 
-def _inner(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
+def _tables(title: str, rows: list[dict[str, Any]], carried: int = 0) -> list[Grid]:
+    """Lay out flat rows, then the objects in their cells; the first `carried` columns are of rows above."""
+    within = dict.fromkeys(name for row in rows for name, value in row.items() if _is_table(value))
+    found = [_grid(title, [_without(row, within) for row in rows])]
+    for name in within:
+        found += _tables(f"{title}, {named(name)}", _inner(rows, name, within, carried), carried + 1)
+    return found
+
+
+def _inner(
+    rows: list[dict[str, Any]], name: str, within: Iterable[str], carried: int
+) -> list[dict[str, Any]]:
     """Lay out the objects in one cell of each row as rows that begin with what their own row begins with."""
     found = []
     for row in rows:
-        first = next(iter(row))
-        found += [{first: row[first]} | _flat(one) for one in row.get(name) or ()]
+        first = dict(itertools.islice(_without(row, within).items(), carried + 1))
+        found += [first | _flat(one) for one in row.get(name) or ()]
     return found
 
 
@@ -241,6 +251,7 @@ def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
     # Where an object is null its parts are missing, and have their dashes.
     null = {key for key in keys if all(row.get(key) is None for row in rows)}
     keys = [key for key in keys if key not in null or not any(one.startswith(f"{key} ") for one in keys)]
+    rows = [row | {key: _apart(row.get(key), rows, key) for key in keys} for row in rows]
     powers: dict[str, int] = {}
     headings = []
     for key in keys:
@@ -258,6 +269,14 @@ def _grid(title: str, rows: list[dict[str, Any]]) -> Grid:
         headings.append(f"{name} ({shown})" if shown else name)
     cells = tuple(tuple(_cell(row.get(key), powers[key]) for key in keys) for row in rows)
     return Grid(title, tuple(headings), cells)
+
+
+def _apart(cell: Any, rows: list[dict[str, Any]], key: str) -> Any:
+    """Write a measured number with a unit of its own where its column has several, else the cell."""
+    if not _is_measured(cell):
+        return cell
+    units = {row[key]["unit"] for row in rows if _is_measured(row.get(key))}
+    return one_text(cell) if len(units) > 1 else cell
 
 
 def _row(key: str, value: Any) -> tuple[str, str]:
@@ -288,5 +307,7 @@ def _cell(value: Any, power: int) -> str:
     if isinstance(value, float):
         return f"{value / 10.0**power:.4g}"
     if isinstance(value, list):
-        return ", ".join(_cell(item, 0) for item in value) or MISSING
+        return ", ".join(one_text(item) for item in value) or MISSING
+    if isinstance(value, dict):
+        return "; ".join(" ".join(_row(key, one)) for key, one in _flat(value).items()) or MISSING
     return str(value)
