@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,8 +21,6 @@ from sim.terrain_grid import Grid, OffTerrain
 _METRE = (None, "", "m", "metre", "metres", "meter", "meters")
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import ArrayLike, NDArray
 
 
@@ -224,6 +223,9 @@ def _rasterio(path: str | Path) -> Any:
         import rasterio
         import rasterio.errors
     except ImportError as error:
+        # Nobody should install it for a name that is mistyped.
+        if not Path(path).exists():
+            raise RefusedInput(f"{path}: no such file") from None
         raise RefusedInput(
             f"{path}: reading a GeoTIFF needs rasterio ({error}); "
             "install it beside belahil, or give an array (.npy)"

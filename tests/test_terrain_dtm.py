@@ -235,11 +235,20 @@ def test_a_file_without_a_place_is_refused(rasterio: Any, tmp_path: Path) -> Non
 
 def test_without_rasterio_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rasterio", None)
+    (tmp_path / "hill.tif").touch()
 
     message = refusal(tmp_path / "hill.tif")
 
     assert "needs rasterio" in message
     assert "install it beside belahil, or give an array" in message
+
+
+def test_without_the_file_nobody_is_sent_for_rasterio(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+
+    assert refusal(tmp_path / "hil.tif") == f"{tmp_path / 'hil.tif'}: no such file"
 
 
 # ---- a real one
