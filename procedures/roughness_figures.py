@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 _LABEL_PART = 0.042
 """Of the height of a map: from one line of text to the next."""
+_DEGREE = 3
+"""Of the polynomial through mean slopes; as many means as it has coefficients leave nothing to fit."""
 _WORDS = {"free": "without noise", "night": "night", "day": "day"}
 
 
@@ -156,8 +158,11 @@ def _slopes(axes: Axes, found: RoughnessResults) -> None:
     slopes = found.slopes
     inner = slopes["library_deg"] < edges[-1] - 1
     best, mean, u = (slopes[name][inner] for name in ("library_deg", "mean_deg", "mean_u_deg"))
-    curve = np.polynomial.Polynomial.fit(best, mean, 3, w=1 / np.maximum(u, 0.05))
-    axes.plot(best, curve(best), "r", lw=1.8, label="polynomial through means")
+    if best.size > _DEGREE + 1:
+        curve = np.polynomial.Polynomial.fit(best, mean, _DEGREE, w=1 / np.maximum(u, 0.05))
+        axes.plot(best, curve(best), "r", lw=1.8, label="polynomial through means")
+    else:
+        axes.plot(best, mean, "r.", label="means, too few to fit")
     axes.plot((0, 40), (0, 40), "k:", lw=1, label="one to one")
     axes.set_xlabel("slope of the best pulse, deg", loc="left")
     axes.set_ylabel("slope of the ground, deg")
@@ -182,7 +187,9 @@ def shape_figure(found: RoughnessResults) -> Figure:
             one.curves, BINS_M, one.counts, (_GREEN, _PURPLE, _ORANGE), strict=True
         ):
             label = f"{bounds[0]:g} to {bounds[1]:g} m, {count}"
-            row[0].semilogx(1e6 * LEVELS_V2, 100 * curve, color=colour, lw=1.8, label=label)
+            # A bin without footprints has no share, not even 0 %; its name and count stay.
+            shown = 100 * curve if count else np.full_like(curve, np.nan)
+            row[0].semilogx(1e6 * LEVELS_V2, shown, color=colour, lw=1.8, label=label)
         row[0].axvline(1e6 * LIMIT_V2, color="0.5", ls=":", lw=1)
         low = 1e-4 if case == "free" else 1e-1
         row[0].set_xlim(low, 1e1)
@@ -273,7 +280,11 @@ def reach_figure(found: RoughnessResults) -> Figure:
         axes.set_xlabel("altitude, km")
         axes.plot([], [], "o-", ms=4, color="0.3", label="samples of the pulse")
         axes.plot([], [], "--", lw=0.8, color="0.3", label="whole window")
-    single.legend(fontsize=8)
+    if found.reaches:
+        single.legend(fontsize=8)
+    else:
+        _missing(single, "altitudes were not computed")
+        _missing(stacked, "altitudes were not computed")
     single.set_ylabel("rough beyond smooth, %")
     single.set_title("(a) single footprints, night", loc="left", fontsize=10)
     stacked.set_ylabel("separation, standard deviations")
@@ -308,3 +319,15 @@ def _regions(axes: Axes, found: RoughnessResults) -> None:
     axes.set_title("(c) regions", loc="left", fontsize=10)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8, loc="upper left")
+    else:
+        _missing(axes, "too few footprints for a region")
+
+
+def _missing(axes: Axes, reason: str) -> None:
+    """Say in the middle of axes why they are empty, in place of guides for what is not there."""
+    for guide in list(axes.lines):
+        guide.remove()
+    axes.text(0.5, 0.5, reason, transform=axes.transAxes, ha="center", va="center", color="0.35")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.minorticks_off()

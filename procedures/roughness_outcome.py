@@ -14,7 +14,7 @@ from procedures.campaign_roughness import FACTORS
 from procedures.range_scenes import REFLECTANCES
 from procedures.range_truth import Definitions
 from procedures.roughness_chunks import CASES
-from procedures.roughness_region import Region, Trial
+from procedures.roughness_region import FEWEST_OF_REGION, Region, Trial
 from procedures.roughness_results import LIMITS, RoughnessResults
 from procedures.roughness_shape import (
     BINS_M,
@@ -70,9 +70,9 @@ def outcome(plan: CampaignPlan, results: list[dict[str, NDArray[Any]]]) -> Outco
             "skewness": lambda: _figure("skewness_figure", found),
             "library": lambda: _figure("library_figure", found),
             "shape": lambda: _figure("shape_figure", found),
-            "reach": lambda: _figure("reach_figure", found),
+            **({"reach": lambda: _figure("reach_figure", found)} if found.reaches or _regions(found) else {}),
         },
-        notes=[*definitions.values(), *_notes(slope_deg), *_unseen(found)],
+        notes=[*definitions.values(), *_notes(slope_deg), *_unseen(found), *_uncomputed(found)],
     )
 
 
@@ -120,6 +120,18 @@ def _unseen(found: RoughnessResults) -> list[str]:
     if not path or found.terrain is not None:
         return []
     return [f"The terrain model {path} has no footprint with data everywhere: nothing is shown of it."]
+
+
+def _regions(found: RoughnessResults) -> bool:
+    return any(one.found for one in found.trials["pulse"].values())
+
+
+def _uncomputed(found: RoughnessResults) -> list[str]:
+    """Say which questions of the reach have no answer, and why."""
+    lines = [] if found.reaches else ["No other altitudes were computed: to which ones shapes tell is open."]
+    if not _regions(found):
+        lines.append(f"No terrain has the {FEWEST_OF_REGION} comparable footprints that a region needs.")
+    return lines
 
 
 def _width(found: RoughnessResults) -> dict[str, Any]:

@@ -7,7 +7,8 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from types import SimpleNamespace
+from typing import Literal, cast
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from msgspec import structs
 
 from belahil.cli.main import main
 from belahil.errors import RefusedInput
-from procedures import roughness_chunks
+from procedures import roughness_chunks, roughness_figures
 from procedures.campaign_roughness import ALTITUDES_M, FACTORS, RoughnessOptions, plan
 from procedures.footprint_moments import disc, white_skewness
 from procedures.library_azimuths import azimuth_of_slope, folded_deg
@@ -23,7 +24,7 @@ from procedures.pulse_library import pulse_library
 from procedures.range_scenes import base_scene
 from procedures.roughness_chunks import footprints, library_of, noise_rms_v, over_fractal, over_terrain
 from procedures.roughness_curves import StackedCurves
-from procedures.roughness_region import GRID_M, Simulated, estimate, trial
+from procedures.roughness_region import GRID_M, Simulated, Trial, estimate, trial
 from procedures.roughness_results import WHITE, RoughnessResults
 from procedures.roughness_shape import LEVELS_V2, power, shape
 from procedures.roughness_statistics import (
@@ -536,6 +537,39 @@ def test_azimuths_are_folded_to_a_quarter() -> None:
     assert folded_deg(np.array([0.0, 30.0, 90.0, 150.0, 180.0, -135.0, 350.0])) == pytest.approx(
         [0.0, 30.0, 90.0, 30.0, 0.0, 45.0, 10.0]
     )
+
+
+@pytest.mark.parametrize(("means", "label"), [(4, "means, too few to fit"), (5, "polynomial through means")])
+def test_a_polynomial_goes_through_means_that_are_enough(means: int, label: str) -> None:
+    # given mean slopes of a small campaign
+    deg = np.arange(5.0, 5.0 + means)
+    example = {f"example_{name}": np.ones(2) for name in ("time_s", "samples_v", "best_v")}
+    example |= {"example_heights_m": np.ones((3, 3)), "example_spacing_m": 1.5, "example_roughness_m": 1.0}
+    found = SimpleNamespace(
+        example=example,
+        sigma_m=(5.0, 5.0),
+        noise_v={"night": 1e-3, "day": 1e-3},
+        beyond_noise=lambda case: 0,
+        everything=made(np.ones(means), np.ones(means), np.arange(means)),
+        slopes={name: deg for name in ("library_deg", "mean_deg", "mean_u_deg")},
+        slope_bias_deg=(0.0, 0.1),
+    )
+
+    # when they are drawn, where a warning is an error
+    drawn = roughness_figures.library_figure(cast("RoughnessResults", found))
+
+    # then a curve that is no fit is not drawn
+    assert label in drawn.axes[2].get_legend_handles_labels()[1]
+
+
+def test_panels_of_what_was_not_computed_say_so() -> None:
+    none = Trial(np.zeros(0), (), ())
+    found = SimpleNamespace(reaches=(), trials={"pulse": {"night": none, "day": none}})
+
+    drawn = roughness_figures.reach_figure(cast("RoughnessResults", found))
+
+    told = [[text.get_text() for text in axes.texts] for axes in drawn.axes]
+    assert told == [["altitudes were not computed"]] * 2 + [["too few footprints for a region"]]
 
 
 @pytest.mark.slow
