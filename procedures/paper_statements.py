@@ -67,6 +67,19 @@ class Statement:
             return "open"
         return "differs"
 
+    @property
+    def within_uncertainty(self) -> bool:
+        """Whether it agrees though our number alone does not fit the statement.
+
+        Examples
+        --------
+        >>> from belahil.values import Estimate
+        >>> [Statement("R13", "", "at most", 0.05, 0.005, Estimate(ours, 0.1, "1")).within_uncertainty
+        ...  for ours in (0.02, 0.19, 0.9)]
+        [False, True, False]
+        """
+        return self.verdict == "agrees" and not self._holds(self.ours.value, self.ours.value)
+
     def _holds(self, low: float, high: float) -> bool:
         """Whether any number from `low` to `high` fits the statement."""
         above = self.criterion == "at least" or low <= self.published + self.rounding
@@ -84,6 +97,7 @@ class Statement:
             "ours": self.ours.as_json(),
             "ours_interval": None if self.interval is None else list(self.interval),
             "verdict": self.verdict,
+            "within_uncertainty": self.within_uncertainty,
         }
 
 
@@ -96,15 +110,18 @@ def told(rows: list[dict[str, Any]]) -> list[str]:
     >>> one = Statement("R6", "error at 1400 km by day", "about", 3.0, 0.5, Estimate(2.61, 0.02, "m"))
     >>> told([one.as_json()])
     ['R6 error at 1400 km by day: about 3 m, here 2.610(20) m: agrees']
+    >>> told([Statement("R13", "PFD", "at most", 0.05, 0.005, Estimate(0.19, 0.1, "1")).as_json()])
+    ['R13 PFD: at most 0.05, here 0.19(10): agrees within 2 standard uncertainties']
     """
     from belahil.report.tables import one_text
 
     lines = []
     for one in rows:
         ours = one["ours"]
+        within = f" within {COVERAGE:g} standard uncertainties" if one["within_uncertainty"] else ""
         unit = "" if ours["unit"] == "1" else f" {ours['unit']}"
         lines.append(
             f"{one['statement']} {one['says']}: {one['criterion']} {one['published']:g}{unit}, "
-            f"here {one_text({**ours, 'unit': '1'})}{unit}: {one['verdict']}"
+            f"here {one_text({**ours, 'unit': '1'})}{unit}: {one['verdict']}{within}"
         )
     return lines
