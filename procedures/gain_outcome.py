@@ -10,6 +10,7 @@ from belahil.bench import setting_per_cut_volt
 from belahil.config import GeneratorUncertainty
 from belahil.outcome import Outcome
 from belahil.report.tables import one_text
+from belahil.verdict import Check, not_measured
 from procedures.gain_results import characterization
 from procedures.gain_tables import integer_order, numbers, tables
 from procedures.noise import noise_note
@@ -50,6 +51,7 @@ def outcome(plan: GainPlan, readings: WindowReadings, config: BenchConfig) -> Ou
         conditions=_conditions(found),
         notes=_notes(found, plan.converters, config.generator.uncertainty),
         verdict_values=_verdict_values(found),
+        checks=_checks(found),
     )
 
 
@@ -210,3 +212,10 @@ def _verdict_values(found: Characterization) -> dict[str, list[tuple[str, Estima
         "noise_rms_v": column("noise"),
         "input_noise_rms_v": column("input_noise"),
     }
+
+
+def _checks(found: Characterization) -> list[Check]:
+    """Leave a run undecided that found no gain at all."""
+    if any(one.gain is not None for one in found.codes):
+        return []
+    return [not_measured("gain", ", ".join(dict.fromkeys(one.status for one in found.codes)))]

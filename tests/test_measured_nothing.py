@@ -27,6 +27,7 @@ ENERGY = (
     "--footprints",
     "1",
 )
+GAINS = ("characterize", "--codes", "4", "--amplitudes-mvpp", "30", "--frequencies-mhz", "1,19")
 ARRIVAL = ("arrival-time", "--widths", "8", "--pulse-windows", "8", "--footprints", "0")
 
 
@@ -52,6 +53,7 @@ def checks(folder: Path) -> list[tuple[str, str, str]]:
         ),
         ((*ENERGY, "--peaks-mv", "200", "--gain-code", "15"), "slope", "no_usable_point"),
         ((*ARRIVAL, "--gain-code", "15", "--peak-mv", "100"), "delay", "too_few_points"),
+        (GAINS, "gain", "too_few_points"),
     ],
     ids=lambda one: one[0] if isinstance(one, tuple) else "",
 )
