@@ -48,6 +48,17 @@ def test_a_client_file_is_the_bench_elsewhere_without_its_truth() -> None:
     )
 
 
+def test_a_bench_of_hardware_is_not_served_as_another_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench = tmp_path / "lab.toml"
+    bench.write_text(client_file(parse_bench(TRUTH), "TCPIP::192.0.2.10::INSTR", "serial:COM3"))
+
+    assert main(["emulate", "--bench", str(bench)]) == 2
+
+    assert "is hardware; needed is one whose instruments are emulated" in capsys.readouterr().err
+
+
 @contextmanager
 def emulating(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
     """``belahil emulate`` in a process of its own, once its client file is written."""

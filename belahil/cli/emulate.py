@@ -75,6 +75,10 @@ def command(
     config = load_bench(bench)
     if config.source == "replay":
         raise RefusedInput(f"--bench {bench}: a recording holds no truth to emulate")
+    if config.source == "hardware":
+        raise RefusedInput(
+            f"--bench {bench}: is {config.source}; needed is one whose instruments are emulated"
+        )
     if seed is not None:
         config = replace(config, emulation=replace(config.emulation, seed=seed))
 
