@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from belahil.errors import LimitExceeded, RefusedInput
+from belahil.oscilloscopes import SCOPES
 from belahil.pole_response import response
 from belahil.uncertainty import sized
 from belahil.values import Products, WindowRequest
@@ -193,9 +194,15 @@ def plan(bench: Bench, options: ParityOptions) -> ParityPlan:
         A gain code of which gain or noise are not known; pulses that do not fit into a window; a known
         receiver that is another one.
     LimitExceeded
-        What generator or receiver cannot do.
+        What generator or receiver cannot do; an oscilloscope, which reports no candidates.
     """
     spec = bench.spec
+    driver = bench.config.digitizer.driver
+    if driver in SCOPES:
+        raise LimitExceeded(
+            f"[digitizer] driver = {driver}: an oscilloscope reports no candidates to compare; "
+            "needed is a receiver that searches its windows"
+        )
     refuse_other(options.receiver, spec, "the receiver on the bench")
     receiver = options.receiver or preset_receiver(bench.config)
     code = _code(receiver, options.code)

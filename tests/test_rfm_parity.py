@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scope_bench
 import xarray
 from msgspec import structs
 from scipy import signal
@@ -491,6 +492,12 @@ def test_what_cannot_be_played_is_refused(words: dict[str, Any], said: str) -> N
     config = bench_file()
     with pytest.raises((RefusedInput, LimitExceeded), match=said), open_bench(config) as bench:
         plan(bench, chosen(config, **words))
+
+
+def test_an_oscilloscope_is_refused_before_anything_is_played() -> None:
+    config = scope_bench.config("rigol-ds1000z", "simulated")
+    with open_bench(config) as bench, pytest.raises(LimitExceeded, match="reports no candidates"):
+        plan(bench, chosen(config))
 
 
 @pytest.mark.parametrize("trigger", ["generator", "digitizer"])
