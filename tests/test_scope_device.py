@@ -224,3 +224,8 @@ def test_a_rate_at_which_no_noise_can_be_computed_is_a_conflict(monkeypatch: pyt
     assert ask(device, "SYST:ERR?") == '-221,"Settings conflict; not emulated: beyond double precision"'
     assert ask(device, ":OPER:COND?") == "+0"
     assert not device.is_armed
+
+
+def test_a_rigol_writes_numbers_as_rigol_does() -> None:
+    talk = scope("rigol-ds1000z")
+    assert ask(talk, ":CHAN1:SCAL?;:ACQ:AVER?;:SYST:ERR?") == '1.000000e+00;2;0,"No error"'

@@ -92,7 +92,8 @@ def test_two_sockets_are_enough_to_measure() -> None:
         step_v, origin, reference = (float(field) for field in preamble[7:])
         volts = (np.frombuffer(block[11:-1], np.uint8) - reference - origin) * step_v
         assert np.ptp(volts) == pytest.approx(5.19 * 0.05, abs=2 * step_v)
-        assert generator.ask(b"SYST:ERR?\n").strip() == scope.ask(b"SYST:ERR?\n").strip() == NO_ERROR.encode()
+        assert generator.ask(b"SYST:ERR?\n").strip() == NO_ERROR.encode()
+        assert scope.ask(b"SYST:ERR?\n").strip() == NO_ERROR.removeprefix("+").encode()
 
 
 @contextmanager

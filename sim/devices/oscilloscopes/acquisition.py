@@ -78,10 +78,12 @@ class ScopeDevice(ScpiDevice):
 
     kept_fields: tuple[str, ...] = ()
     """Settings, for ``*SAV``."""
+    signed = True
+    """Whether error numbers and the like have a plus sign."""
 
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         model = front.model
-        super().__init__(f"{model.maker},{model.name},EMULATED,0.00-emulated", channels=4)
+        super().__init__(f"{model.maker},{model.name},EMULATED,0.00-emulated", channels=4, signed=self.signed)
         self.model = model
         self._port = port
         self._front = front

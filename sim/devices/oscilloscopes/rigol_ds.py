@@ -36,6 +36,14 @@ _SHOT_BITS = 32
 _SOURCES = Sources("EXT", "AC")
 
 
+def _answer_number(value: float) -> str:
+    return f"{value:.6e}"
+
+
+def _answer_whole(value: float) -> str:
+    return str(round(value))
+
+
 class _Limits(Choices):
     """The bandwidth's limit, which begins with a digit, or none."""
 
@@ -83,11 +91,14 @@ class RigolScope(ScopeDevice):
         *("depth", "first", "last", "spi_bits", "spi_data"),
     )
 
+    signed = False
+
     def __init__(self, port: ScopePort, front: ScopeFront) -> None:
         super().__init__(port, front)
         self._set_defaults()
         for setting in _SETTINGS:
-            setting.enter(self.tree, lambda call: self)
+            answer = _answer_whole if setting.field == "averages" else _answer_number
+            setting.enter(self.tree, lambda call: self, answer)
         self._add_commands()
 
     def _set_defaults(self) -> None:
