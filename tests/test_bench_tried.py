@@ -13,7 +13,14 @@ import pytest
 from belahil.bench import open_bench
 from belahil.cli.bench_tried import amplitude, amplitude_uncertainty, tried
 from belahil.cli.main import main
-from belahil.config import BenchConfig, EmulatedReceiver, EmulationTable, GeneratorUncertainty, simulated
+from belahil.config import (
+    BenchConfig,
+    EmulatedReceiver,
+    EmulationTable,
+    GeneratorUncertainty,
+    load_bench,
+    simulated,
+)
 from belahil.errors import InstrumentError
 from belahil.stimuli import NoSignal, Sine
 from belahil.values import WindowRequest
@@ -152,3 +159,18 @@ def test_a_check_is_recorded_and_comes_again(tmp_path: Path, capsys: Captured) -
         assert main(["bench", "check", bench, "--record", str(tmp_path / "again.rec")]) == 2
     assert "has no links to record" in capsys.readouterr().err
     assert not (tmp_path / "again.rec").exists()
+
+
+def test_a_recording_of_something_else_is_told_first(tmp_path: Path, capsys: Captured) -> None:
+    # given a recording of another command
+    file = tmp_path / "day.rec"
+    with open_bench(load_bench("emulated"), record=file) as bench:
+        bench.links.note("run", {"procedure": "noise", "options": {}})
+    # when it is checked
+    assert main(["bench", "check", f"replay:{file}"]) == 3
+    # then what it is of stands before the difference, and again with it
+    err = capsys.readouterr().err
+    first, said, error = err.splitlines()[:3]
+    assert first.startswith(f"replay of {file}")
+    assert said == "recorded was noise, and this is bench check"
+    assert "the recorded session ends here" in error

@@ -25,7 +25,7 @@ def command() -> None:
 @click.option("--driver", help="Driver of the generator; keysight-33500 when left out and none is found.")
 @click.option("--address", help="Generator: a VISA resource name; emulated when left out and none is found.")
 @click.option("--digitizer", help="Driver of the digitizer; grm when left out and none is found.")
-@click.option("--link", help="Digitizer: its link; by default of the same kind as the address.")
+@click.option("--link", help="Digitizer: its link (oscilloscope: visa:RESOURCE); by default as the address.")
 @click.option("--receiver", help="Preset of the receiver; bela-grm, and analog for an oscilloscope.")
 @click.option("--load-ohm", type=float, help="Load setting of the generator; 50 when left out.")
 @click.option("--attenuation-db", type=float, help="Between generator and receiver; 0 when left out.")
@@ -101,8 +101,10 @@ def check(
     Status 1 when the gain is not that of --receiver.
     """
     from belahil.bench import open_bench
+    from belahil.cli import replaying
     from belahil.cli.bench_tried import tried
     from belahil.config import load_bench
+    from belahil.recording import recorded_session
 
     config = _placed(load_bench(_one_of(file, bench) or "emulated"), address, link)
     known = None
@@ -111,7 +113,12 @@ def check(
 
         known = characterized_receiver(receiver)
     agrees = True
-    with closing(open_bench(config, seed=seed, record=record)) as opened:
+    session = recorded_session(config)
+    differs = replaying.differing(session, "bench check", {})
+    with (
+        replaying.compared(session, differs),
+        closing(open_bench(config, seed=seed, record=record)) as opened,
+    ):
         for fact in tried(opened, known):
             print(fact.line, flush=True)
             agrees &= fact.agrees

@@ -117,7 +117,7 @@ def _measure_new(job: Job, given: Common, chosen: Mapping[str, Any]) -> tuple[di
     options = _options(procedure, job, replaying.filled(session, job.procedure, chosen))
     differs = replaying.differing(session, job.procedure, asdict(options))
     with ExitStack() as stack:
-        stack.enter_context(replaying.compared(session, differs, given))
+        stack.enter_context(replaying.compared(session, differs, given.quiet))
         with signals.closing(open_bench(config, seed=given.seed, record=given.record)) as bench:
             plan = procedure.plan(bench, options)
             bench.links.note("run", {"procedure": job.procedure, "options": asdict(options)})

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from belahil.cli.options import Common
     from belahil.recording import RecordedSession
 
 
@@ -49,7 +48,7 @@ def differing(session: RecordedSession | None, procedure: str, options: Mapping[
 
 
 @contextmanager
-def compared(session: RecordedSession | None, differs: str, given: Common) -> Iterator[None]:
+def compared(session: RecordedSession | None, differs: str, quiet: bool = False) -> Iterator[None]:
     """Tell what is replayed and how it differs, and say so again on the error of a replay.
 
     Parameters
@@ -58,8 +57,8 @@ def compared(session: RecordedSession | None, differs: str, given: Common) -> It
         None: nothing is replayed.
     differs : str
         From `differing`.
-    given : Common
-        Whether to be quiet.
+    quiet : bool
+        Tell it only on the error.
     """
     from belahil.provenance import belahil_version
 
@@ -69,7 +68,7 @@ def compared(session: RecordedSession | None, differs: str, given: Common) -> It
     notes = [differs] if differs else []
     if session.belahil != belahil_version():
         notes.append(f"recorded with belahil {session.belahil}, this is {belahil_version()}")
-    if not given.quiet:
+    if not quiet:
         print(f"replay of {session}", *notes, sep="\n", file=sys.stderr, flush=True)
     try:
         yield
