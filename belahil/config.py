@@ -325,10 +325,15 @@ def _check_digitizer(config: BenchConfig, spec: ReceiverSpec) -> None:
     if table.link not in kinds and not table.link.startswith((REPLAY, *begins)):
         raise ConfigError(
             f'[digitizer] link = "{table.link}" is unknown; allowed: {", ".join(kinds)}, {more}'
-            + (f" with driver = {table.driver}" if is_scope else "")
+            + (f" with driver = {table.driver}" if is_scope else "; " + _SCOPE_HINT)
         )
     if is_scope:
         check_scope(table, spec)
+        if config.bench.trigger == "digitizer":
+            raise ConfigError(
+                f'[bench] trigger = "digitizer" with driver = {table.driver}: nothing fires from an '
+                "oscilloscope's trigger output; allowed: generator"
+            )
     for key in ("full_scale_v", "sample_rate_hz"):
         if not is_scope and getattr(table, key) is not None:
             raise ConfigError(f"[digitizer] {key}: only an oscilloscope takes it; driver is grm")
@@ -340,6 +345,7 @@ def _check_digitizer(config: BenchConfig, spec: ReceiverSpec) -> None:
             )
 
 
+_SCOPE_HINT = "an oscilloscope needs its driver (of bench new: --digitizer) and visa:RESOURCE"
 _MAY_BE_INFINITE = ("load_ohm", "input_ohm", "bandwidth_hz")
 
 

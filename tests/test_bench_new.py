@@ -211,3 +211,23 @@ def test_an_emulated_oscilloscope_is_written_too(laboratory: Laboratory) -> None
     assert main(["bench", "new", "--digitizer", "keysight-infiniivision"]) == 0
     config = load_bench("bench.toml")
     assert (config.digitizer.link, config.digitizer.receiver) == ("emulated:visa", "analog")
+
+
+@pytest.mark.parametrize(
+    ("places", "settle_s"),
+    [((), 0.0), (("--address", "TCPIP::192.0.2.10::5025::SOCKET", "--link", "serial:COM3"), 0.05)],
+    ids=["emulated", "hardware"],
+)
+def test_real_instruments_are_given_time_to_settle(
+    laboratory: Laboratory, places: tuple[str, ...], settle_s: float
+) -> None:
+    assert main(["bench", "new", *places]) == 0
+    assert load_bench("bench.toml").bench.settle_s == settle_s
+
+
+def test_a_scope_without_its_driver_is_told_what_it_needs(laboratory: Laboratory, capsys: Captured) -> None:
+    at = "TCPIP::192.0.2.10::5025::SOCKET"
+    assert main(["bench", "new", "--address", at]) == 2
+    assert "for an oscilloscope its --digitizer and visa:RESOURCE" in capsys.readouterr().err
+    assert main(["bench", "new", "--address", at, "--digitizer", "siglent-sds"]) == 2
+    assert "for example visa:TCPIP" in capsys.readouterr().err

@@ -166,6 +166,15 @@ def test_what_an_oscilloscope_has_not_is_refused_in_one_line(driver: str, kind: 
             "[emulation.receiver]\nadc_bits = 12",
             "adc_bits: the converter is the oscilloscope's",
         ),
+        (
+            'driver = "keysight-infiniivision"\nlink = "emulated:visa"\nreceiver = "analog"\n'
+            '[bench]\ntrigger = "digitizer"',
+            "trigger output; allowed: generator",
+        ),
+        (
+            'link = "TCPIP::192.0.2.10::5025::SOCKET"',
+            "an oscilloscope needs its driver (of bench new: --digitizer) and visa:RESOURCE",
+        ),
     ],
 )
 def test_bench_files_that_cannot_be_are_refused(digitizer: str, said: str) -> None:

@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 
+from belahil.config import REPLAY
 from belahil.receiver import receiver_preset
 
+HARDWARE_SETTLE_S = 0.05
+
 _BENCH = """\
-# A bench for belahil. Any table and any key may be left out and then has the value shown here.
+# A bench for belahil. Any table and any key may be left out and then has the value of the emulated bench,
+# which `belahil bench new --no-search` writes.
 
 [bench]
 trigger = "generator"        # who starts the window of a pulse: generator | digitizer
 trigger_delay_s = 0.0        # from that trigger to the window, or to the generator's output
-settle_s = 0.0               # wait after each change of stimulus or gain code; real generators need some 0.05
+settle_s = {settle_s:<18}# wait after each change of stimulus or gain code; real generators need some 0.05
 
 [generator]
 driver = {driver}   # `belahil bench show` lists them
@@ -32,6 +36,7 @@ bandwidth_relative = 0.0 }}
 driver = {digitizer}
 link = {link}     # emulated:serial | emulated:usb | simulated | serial:COM3
                              # serial:///dev/ttyUSB0?baud=921600 | socket://host:port | usb:VID:PID[:SERIAL]
+                             # of an oscilloscope: emulated:visa | simulated | visa:RESOURCE
 receiver = {receiver}        # preset of the design
 input_ohm = 50               # inf is allowed
 # full_scale_v = 0.512       # of an oscilloscope, the span of all its codes; the preset's when left out
@@ -129,8 +134,10 @@ def bench_file(
         "receiver": receiver,
     }
     numbers = {"load_ohm": load_ohm, "attenuation_db": attenuation_db, "max_vpp": max_vpp}
+    is_software = address in ("emulated", "simulated")
+    numbers["settle_s"] = 0.0 if is_software or address.startswith(REPLAY) else HARDWARE_SETTLE_S
     text = _BENCH.format(**{key: json.dumps(word) for key, word in words.items()}, **numbers)
-    if address in ("emulated", "simulated"):
+    if is_software:
         emulation = _EMULATION.format(
             cutoff_hz=f"{spec.cutoff_hz:.6g}",
             order=spec.order,

@@ -94,7 +94,7 @@ def written_bench(file: Path, wanted: Wanted, search: bool | None, probe: bool, 
     address = address or "emulated"
     if link is None:
         if address not in _KINDS:
-            raise click.UsageError(f"--address {address} needs --link too, for example serial:COM3")
+            raise click.UsageError(f"--address {address} needs --link too, for example {_example(digitizer)}")
         link = "emulated:visa" if digitizer in SCOPES and address == "emulated" else _KINDS[address]
     text = bench_file(
         driver or "keysight-33500",
@@ -124,6 +124,14 @@ def _missing(address: str | None, link: str | None, ask: bool) -> tuple[str | No
         print("no receiver was found")
         link = click.prompt("link of the receiver, such as serial:COM3") if ask else None
     return address, link
+
+
+def _example(digitizer: str) -> str:
+    from belahil.oscilloscopes import SCOPES
+
+    if digitizer in SCOPES:
+        return "visa:TCPIP::192.0.2.1::INSTR"
+    return "serial:COM3, or for an oscilloscope its --digitizer and visa:RESOURCE"
 
 
 def _numbers(wanted: Wanted, ask: bool) -> dict[str, float]:
