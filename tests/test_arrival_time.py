@@ -120,7 +120,7 @@ def hidden(number: int) -> tuple[BenchConfig, KnownReceiver]:
     return bench(seed=number, receiver=receiver, bench=trigger), known
 
 
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("number", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in range(1, 6))])
 def test_the_curve_of_a_hidden_receiver_is_that_of_its_model(number: int) -> None:
     # given a receiver with mismatched converters, a wrong clock, and either trigger
     config, known = hidden(number)
@@ -320,6 +320,7 @@ def test_a_filter_that_is_too_slow_is_refused() -> None:
         arrival_time.plan(opened, ArrivalOptions(**FEW, receiver=known))
 
 
+@pytest.mark.slow
 def test_a_faster_receiver_has_its_own_curve() -> None:
     found = measured(bench(digitizer={"receiver": "gala-like"}))
 

@@ -263,6 +263,7 @@ def check_efficiency(trials: int) -> None:
         )
 
 
+@pytest.mark.slow
 def test_spread_is_near_the_bound_and_bias_small() -> None:
     check_efficiency(30)
 

@@ -511,6 +511,7 @@ def test_the_command_tells_errors_of_energies(
         one.cache_clear()
 
 
+@pytest.mark.slow
 def test_hardly_any_detection_is_told_without_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

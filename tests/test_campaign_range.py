@@ -165,6 +165,7 @@ def test_a_tilt_afterwards_is_a_tilt_before(gradient: tuple[float, float], sigma
     assert found.slope_deg == pytest.approx(tilted.slope_deg, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_factor_scales_the_fractals_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(range_ground, "LEVELS", 1)
     forget_grounds()

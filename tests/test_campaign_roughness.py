@@ -414,6 +414,7 @@ def test_a_terrain_model_is_cut_into_blocks(tmp_path: Path) -> None:
         assert all(low[1] > high[0] for low, high in itertools.pairwise(spans))
 
 
+@pytest.mark.slow
 def test_blocks_of_a_terrain_model_with_gaps_are_seen_wherever_they_lie(tmp_path: Path) -> None:
     # given: a long flank, higher than a thousandth of the altitude, without data at nadir and at one end
     x_m = 3.0 * np.arange(1100)
@@ -440,7 +441,9 @@ def test_blocks_of_a_terrain_model_with_gaps_are_seen_wherever_they_lie(tmp_path
         assert one["roughness_m"].max() < 0.5
 
 
-@pytest.mark.parametrize("spacing_m", [1.0, 1.5, 2.5])
+@pytest.mark.parametrize(
+    "spacing_m", [pytest.param(1.0, marks=pytest.mark.slow), pytest.param(1.5, marks=pytest.mark.slow), 2.5]
+)
 def test_white_ground_is_white_at_every_spacing_of_a_terrain_model(spacing_m: float) -> None:
     # given footprints of white ground over posts of one spacing, as the terrain model of a campaign
     options = RoughnessOptions(altitudes=False)

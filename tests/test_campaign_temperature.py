@@ -119,6 +119,7 @@ def test_aligned_pulses_of_one_shape_do_not_differ(late_s: float) -> None:
     assert peak_of(other)[0] - peak_of(ambient)[0] == pytest.approx(late_s, abs=2e-11)
 
 
+@pytest.mark.slow
 def test_a_library_of_the_own_set_leaves_nothing_and_a_wrong_one_something() -> None:
     own, hot = as_toml(Scene()), as_toml(structs.replace(Scene(), laser=laser_preset("bela", "hot")))
 

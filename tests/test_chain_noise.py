@@ -40,7 +40,7 @@ def bands(spectrum: np.ndarray) -> np.ndarray:
     return np.bincount(band[keep], spectrum[keep]) / np.bincount(band[keep])
 
 
-@pytest.mark.parametrize("scene", [DAY, NIGHT], ids=["day", "night"])
+@pytest.mark.parametrize("scene", [pytest.param(DAY, marks=pytest.mark.slow), NIGHT], ids=["day", "night"])
 def test_noise_has_the_analytic_spectrum_before_and_after_quantization(scene: Scene) -> None:
     # Given a scene whose echo is too faint to matter
     scene = with_(scene, laser={"energy_j": 1e-12})

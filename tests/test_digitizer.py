@@ -47,7 +47,7 @@ def pull(told: dict[str, Any], true: float) -> float:
     return float((told["value"] - true) / told["standard_uncertainty"])
 
 
-@pytest.mark.parametrize("codes", [(4,), (0, 8, 15)])
+@pytest.mark.parametrize("codes", [(4,), pytest.param((0, 8, 15), marks=pytest.mark.slow)])
 def test_hidden_gain_offset_and_skew_come_back(codes: tuple[int, ...]) -> None:
     pulls = []
     for number in range(8):

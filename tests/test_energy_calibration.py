@@ -207,6 +207,7 @@ def test_pulses_are_found_whoever_triggers(trigger: str) -> None:
     assert results["status"] == "ok"
 
 
+@pytest.mark.slow
 def test_gains_of_photodiode_and_receiver_only_scale(tmp_path: Path) -> None:
     # Given another photodiode gain and another gain code
     scene = tmp_path / "hot.toml"

@@ -60,7 +60,7 @@ def test_a_code_that_is_not_known_is_refused() -> None:
         known.at(16)
 
 
-@pytest.mark.parametrize("cutoff_hz", [16e6, 21e6])
+@pytest.mark.parametrize("cutoff_hz", [16e6, pytest.param(21e6, marks=pytest.mark.slow)])
 def test_a_characterization_gives_the_hidden_receiver(tmp_path: Path, cutoff_hz: float) -> None:
     # given a bench with another receiver than the preset, characterized
     bench, run = tmp_path / "bench.toml", tmp_path / "run"
@@ -95,7 +95,12 @@ BENT = [
 
 @pytest.mark.parametrize(
     ("bend", "highpass_hz"),
-    [("deadband_v = 0.2e-3", 0.0), ("deadband_v = 0.2e-3", 60e3), ("cubic_per_v2 = -2.0", 0.0), ("", 60e3)],
+    [
+        ("deadband_v = 0.2e-3", 60e3),
+        pytest.param("deadband_v = 0.2e-3", 0.0, marks=pytest.mark.slow),
+        pytest.param("cubic_per_v2 = -2.0", 0.0, marks=pytest.mark.slow),
+        pytest.param("", 60e3, marks=pytest.mark.slow),
+    ],
 )
 def test_what_depends_on_the_amplitude_is_in_neither_gain_nor_filter(
     tmp_path: Path, bend: str, highpass_hz: float

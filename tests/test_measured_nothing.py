@@ -51,8 +51,18 @@ def checks(folder: Path) -> list[tuple[str, str, str]]:
             "clock_ppm",
             "no_usable_point",
         ),
-        ((*ENERGY, "--peaks-mv", "200", "--gain-code", "15"), "slope", "no_usable_point"),
-        ((*ARRIVAL, "--gain-code", "15", "--peak-mv", "100"), "delay", "too_few_points"),
+        pytest.param(
+            (*ENERGY, "--peaks-mv", "200", "--gain-code", "15"),
+            "slope",
+            "no_usable_point",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            (*ARRIVAL, "--gain-code", "15", "--peak-mv", "100"),
+            "delay",
+            "too_few_points",
+            marks=pytest.mark.slow,
+        ),
         (GAINS, "gain", "too_few_points"),
     ],
     ids=lambda one: one[0] if isinstance(one, tuple) else "",
@@ -69,7 +79,11 @@ def test_a_run_that_measured_nothing_is_undecided_and_says_why(
     assert "Infinity" not in (tmp_path / "run" / "report.json").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("words", [TOF, ENERGY, ARRIVAL], ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    "words",
+    [TOF, pytest.param(ENERGY, marks=pytest.mark.slow), pytest.param(ARRIVAL, marks=pytest.mark.slow)],
+    ids=lambda words: words[0],
+)
 @pytest.mark.parametrize("cutoff_hz", [19e6, pytest.param(13e6, marks=pytest.mark.slow)])
 def test_a_receiver_that_is_not_the_known_one_fails_and_one_that_is_has_no_verdict(
     words: tuple[str, ...], cutoff_hz: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -93,7 +107,7 @@ PARITY = ("rfm-parity", "--shots", "2", "--snrs", "10", "--widths-ns", "40", "--
 
 @pytest.mark.parametrize(
     "words",
-    [NOISE, TOF, PARITY, *(pytest.param(one, marks=pytest.mark.slow) for one in (ENERGY, TX))],
+    [NOISE, *(pytest.param(one, marks=pytest.mark.slow) for one in (ENERGY, TOF, TX, PARITY))],
     ids=lambda words: words[0],
 )
 def test_the_receiver_that_was_assumed_is_told(
@@ -110,6 +124,7 @@ def test_the_receiver_that_was_assumed_is_told(
     assert "receiver assumed: preset bela-grm" in (tmp_path / "again" / "report.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_a_characterized_receiver_is_told_by_its_date(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,6 +137,7 @@ def test_a_characterized_receiver_is_told_by_its_date(
     assert f"receiver assumed: characterization begun {began}\n" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_pulses_near_the_noise_fail_no_receiver(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Given the known receiver, and pulses that its noise bends by more than chance
     assert run(tmp_path, *ENERGY, "--peaks-mv", "0.2") == 1

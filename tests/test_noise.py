@@ -348,6 +348,7 @@ def test_recorded_windows_keep_their_conditions(tmp_path: Path, monkeypatch: pyt
     assert main(["noise", "--windows", "run/data.nc", "--codes", "7", "--out", "none"]) == 2
 
 
+@pytest.mark.slow
 def test_dark_windows_of_a_characterization_serve_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -135,7 +135,14 @@ def obvious(library: PulseLibrary, volts: np.ndarray, arrival_s: float) -> float
     )
 
 
-@pytest.mark.parametrize(("noise_v", "tail"), [(0.0, 0.3), (0.8e-3, 0.0), (1.5e-3, 0.4)])
+@pytest.mark.parametrize(
+    ("noise_v", "tail"),
+    [
+        pytest.param(0.0, 0.3, marks=pytest.mark.slow),
+        pytest.param(0.8e-3, 0.0, marks=pytest.mark.slow),
+        (1.5e-3, 0.4),
+    ],
+)
 def test_the_best_match_is_that_of_trying_everything(
     library: PulseLibrary, noise_v: float, tail: float
 ) -> None:

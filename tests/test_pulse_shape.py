@@ -486,6 +486,7 @@ def test_an_interrupted_campaign_goes_on_to_the_same_results(
     assert summary(whole)["verdict"] == "pass"
 
 
+@pytest.mark.slow
 def test_recorded_windows_say_the_same(tmp_path: Path, bench_file: Path) -> None:
     # given a finished campaign of two echoes
     live, again = tmp_path / "live", tmp_path / "again"

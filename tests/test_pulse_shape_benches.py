@@ -74,6 +74,7 @@ def test_emulated_simulated_and_real_addresses_give_equal_results(folder: Path, 
         )
 
 
+@pytest.mark.slow
 def test_without_the_characterization_the_hidden_receiver_is_found_to_differ(
     folder: Path, tmp_path: Path
 ) -> None:

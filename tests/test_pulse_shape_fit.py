@@ -292,7 +292,10 @@ def faint(count: int, seed: int, peak_v: float) -> tuple[SampledPulse, ShapeFit]
     return pulse, fit_shape(PATH, UNCERTAIN, [pulse] * count, volts, expected_s, white)
 
 
-@pytest.mark.parametrize("peak_v", [0.2e-3, 0.5e-3, 0.9e-3])
+@pytest.mark.parametrize(
+    "peak_v",
+    [0.2e-3, pytest.param(0.5e-3, marks=pytest.mark.slow), pytest.param(0.9e-3, marks=pytest.mark.slow)],
+)
 def test_pulses_that_hide_in_the_noise_are_judged_with_delays_about_a_common_one(peak_v: float) -> None:
     # given 24 sets of windows with a pulse that no single window shows
     fits = [faint(100, 300 + seed, peak_v)[1] for seed in range(24)]

@@ -136,7 +136,8 @@ def _times_s(case: Case, shot: int) -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     ("link", "numbers"),
     [
-        ("emulated:serial", range(PULSES)),
+        pytest.param("emulated:serial", range(PULSES), marks=pytest.mark.slow),
+        ("emulated:serial", range(0, PULSES, 10)),
         ("emulated:usb", range(0, PULSES, 10)),
         ("simulated", range(0, PULSES, 10)),
     ],

@@ -198,6 +198,7 @@ def test_no_file_and_no_netcdf_are_refused(tmp_path: Path, capsys: pytest.Captur
         assert not out.exists()
 
 
+@pytest.mark.slow
 def test_recorded_windows_give_the_results_of_the_run(tmp_path: Path) -> None:
     # given a run, when its data file is analysed in place of measuring
     bench = ["--bench", "simulated", "--quiet", "--seed", "5"]

@@ -172,9 +172,8 @@ def test_one_refinement_step_is_within_a_fifth_of_a_millimetre_of_the_least_squa
             assert amplitude_v == pytest.approx(fit.pulse.amplitude_v, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    "snr", [pytest.param(10, marks=pytest.mark.slow), 30, pytest.param(100, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("snr", [10, 30, 100])
 def test_in_white_noise_the_arrival_reaches_the_cramer_rao_bound(snr: float) -> None:
     # Given Gaussian pulses at random phases in white noise
     rng = np.random.default_rng(int(snr))

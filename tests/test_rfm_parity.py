@@ -113,7 +113,9 @@ def decided(told: EchoAgreement) -> list[str]:
 # ---- an honest receiver
 
 
-@pytest.mark.parametrize("seed", [1, 7, 20])
+@pytest.mark.parametrize(
+    "seed", [1, pytest.param(7, marks=pytest.mark.slow), pytest.param(20, marks=pytest.mark.slow)]
+)
 def test_an_honest_receiver_passes(seed: int) -> None:
     outcome = compared(bench_file(seed))
     assert decisions(outcome) == {
@@ -131,6 +133,7 @@ def test_an_honest_receiver_passes(seed: int) -> None:
     assert strong == 80
 
 
+@pytest.mark.slow
 def test_an_odd_receiver_that_is_known_passes() -> None:
     # Given a receiver unlike the preset in filter, clock, converters and noise, and all that known
     gains, noise = (1.2,) * 16, (0.4e-3,) * 16
@@ -214,6 +217,7 @@ def test_another_bank_of_templates_is_found_in_the_windows() -> None:
 
 
 @pytest.mark.parametrize(("least_s", "status"), [(120e-9, "ok"), (250e-9, "marker_lost")])
+@pytest.mark.slow
 def test_a_bank_without_narrow_templates_misses_echoes_whether_samples_come_or_not(
     least_s: float, status: str
 ) -> None:
@@ -246,7 +250,9 @@ def moved(by_s: float, every: bool = True) -> Callable[[RangeFinder], Report]:
     return report
 
 
-@pytest.mark.parametrize("by_s", [-3e-9, 20e-12, 9e-12])
+@pytest.mark.parametrize(
+    "by_s", [pytest.param(-3e-9, marks=pytest.mark.slow), 20e-12, pytest.param(9e-12, marks=pytest.mark.slow)]
+)
 def test_shifted_arrivals_are_found_down_to_the_tolerance(by_s: float) -> None:
     outcome = compared(bench_file(), report=moved(by_s))
     assert decisions(outcome)["windows_agreeing"] == {"pass" if abs(by_s) < 10e-12 else "fail"}
@@ -257,13 +263,16 @@ def test_shifted_arrivals_are_found_down_to_the_tolerance(by_s: float) -> None:
     assert decisions(outcome)["echo_after_marker_difference_s"] == {"pass"}
 
 
+@pytest.mark.slow
 def test_an_echo_that_comes_late_after_its_marker_is_found_without_samples() -> None:
     outcome = compared(bench_file(), report=moved(3e-9, every=False), products="candidates")
     assert "fail" in decisions(outcome)["echo_after_marker_difference_s"]
     assert decisions(outcome)["arrival_spread_ratio"] == {"pass"}
 
 
-@pytest.mark.parametrize("products", ["window_and_candidates", "candidates"])
+@pytest.mark.parametrize(
+    "products", [pytest.param("window_and_candidates", marks=pytest.mark.slow), "candidates"]
+)
 def test_more_noise_than_stated_is_found_in_the_echoes_alone(products: Products) -> None:
     noise = tuple(1.3 * one for one in BELA_GRM.noise_rms_v_by_code)
     config = bench_file(noise_rms_v_by_code=noise)
@@ -313,6 +322,7 @@ def test_lost_samples_of_correlation_windows_are_counted() -> None:
     assert decisions(outcome)["windows_agreeing"] == {"fail"}
 
 
+@pytest.mark.slow
 def test_a_marker_that_is_lost_now_and_then_is_a_lost_echo() -> None:
     def report(finder: RangeFinder) -> Report:
         def told(window: RangeWindow, products: Products) -> RangeWindow:
@@ -445,6 +455,7 @@ def test_too_few_windows_and_an_unknown_gain_code_have_a_status() -> None:
     assert outcome.results["parity"]["agreeing"] == 18
 
 
+@pytest.mark.slow
 def test_windows_of_two_gain_codes_are_kept_apart() -> None:
     # Given the same pulses at two gain codes, one window after the other
     config = bench_file()
@@ -500,7 +511,7 @@ def test_an_oscilloscope_is_refused_before_anything_is_played() -> None:
         plan(bench, chosen(config))
 
 
-@pytest.mark.parametrize("trigger", ["generator", "digitizer"])
+@pytest.mark.parametrize("trigger", ["generator", pytest.param("digitizer", marks=pytest.mark.slow)])
 def test_pulses_lie_in_the_window_whoever_triggers(trigger: str) -> None:
     text = f"[bench]\ntrigger = '{trigger}'\ntrigger_delay_s = 5e-6\n"
     config = structs.replace(bench_file(), bench=parse_bench(text).bench)
@@ -600,6 +611,7 @@ def test_a_receiver_that_differs_ends_with_status_1(
     assert summary["results"]["parity"]["largest_difference"]["arrival_s"] == pytest.approx(1e-9)
 
 
+@pytest.mark.slow
 def test_windows_of_a_scene_are_searched_again(tmp_path: Path) -> None:
     scene, folder = tmp_path / "scene", tmp_path / "run"
     words = ["--shots", "3", "--products", "window_and_candidates", "--tolerance", "1e-2", "--quiet"]
@@ -638,9 +650,8 @@ FINER = 16
 """Steps in a sample interval of the slow model."""
 
 
-@pytest.mark.parametrize(
-    ("snr", "cutoff_hz", "order"), [(3.0, 19e6, 3), pytest.param(5.0, 11e6, 2, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("snr", "cutoff_hz", "order"), [(3.0, 19e6, 3), (5.0, 11e6, 2)])
+@pytest.mark.slow
 def test_the_model_predicts_what_a_fine_time_grid_gives(snr: float, cutoff_hz: float, order: int) -> None:
     # Given marker and echo of 45 ns, in exact form and as a run of 16 steps a sample through SciPy's filter
     config = bench_file()

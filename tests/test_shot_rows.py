@@ -196,6 +196,7 @@ def test_scenes_without_a_terrain_model_are_refused_in_one_line(name):
         ShotRows(Chain(load_scene(name)))
 
 
+@pytest.mark.slow
 def test_a_pool_of_noise_says_so_and_finds_what_independent_noise_finds():
     # Given 64 stored windows of noise, and noise of its own for each shot
     chain = Chain(fractal(shot=False), Accuracy(1e-3))

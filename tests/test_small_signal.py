@@ -70,6 +70,7 @@ def pull(told: dict[str, Any], true: float) -> float:
     return float((told["value"] - true) / told["standard_uncertainty"])
 
 
+@pytest.mark.slow
 def test_hidden_dead_zones_and_cubic_terms_come_back() -> None:
     pulls = []
     for number in range(6):
@@ -140,6 +141,7 @@ def test_without_a_filter_there_is_no_amplitude_behind_it() -> None:
     json.dumps(results, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_a_generator_that_errs_by_range_is_inside_what_is_declared() -> None:
     # given a generator whose amplitudes are off by a constant, which looks like a dead zone, and says so
     declared = GeneratorUncertainty(amplitude_v=0.1e-3, amplitude_relative=0.01)

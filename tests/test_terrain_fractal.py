@@ -236,6 +236,7 @@ def test_the_integration_is_of_order_h_between_spacing_and_extent() -> None:
     assert slope == pytest.approx(-hurst, abs=0.02)
 
 
+@pytest.mark.slow
 def test_multifractal_increments_follow_the_law_and_are_intermittent() -> None:
     hurst, alpha, c1 = 0.8, 1.8, 0.1
     exponent = hurst - moment_exponent(2.0, alpha, c1) / 2

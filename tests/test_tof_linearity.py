@@ -82,7 +82,12 @@ def pull(told: dict[str, object], truth: float) -> float:
     ("seed", "ppm", "more"),
     [
         (1, -180.0, {}),
-        (2, 7.3, {"interleave": Interleave(gain=0.02, offset_v=4e-3, skew_s=300e-12)}),
+        pytest.param(
+            2,
+            7.3,
+            {"interleave": Interleave(gain=0.02, offset_v=4e-3, skew_s=300e-12)},
+            marks=pytest.mark.slow,
+        ),
         pytest.param(3, 55.0, {"cutoff_hz": 16e6, "order": 4}, marks=pytest.mark.slow),
         pytest.param(4, 0.0, {"highpass_hz": 20e3}, marks=pytest.mark.slow),
     ],
@@ -115,6 +120,7 @@ def test_the_stated_uncertainty_covers() -> None:
     assert np.mean(walks) == pytest.approx(3, abs=3 * math.sqrt(2 * 3 / 60))
 
 
+@pytest.mark.slow
 def test_delays_of_width_are_those_of_the_known_filter() -> None:
     results = found(bench_with(5), replace(QUICK, widths_s=(20e-9, 40e-9, 90e-9))).results
 

@@ -273,7 +273,7 @@ def test_a_pulse_at_an_edge_is_not_taken_for_a_whole_one(start: int) -> None:
     assert results["windows"]["used"] == 0
 
 
-@pytest.mark.parametrize("tail_s", [3e-9, 20e-9])
+@pytest.mark.parametrize("tail_s", [pytest.param(3e-9, marks=pytest.mark.slow), 20e-9])
 def test_a_correlation_window_is_long_enough(tail_s: float) -> None:
     # Given the 42 samples that the range finder keeps round a pulse
     truth = replace(TRUTH, pulse=tailed_pulse(5.4e-9, tail_s))
