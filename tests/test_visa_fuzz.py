@@ -42,7 +42,7 @@ SCOPE = {
     ],
 }  # fmt: skip
 # The words of either are sent to both, so those of all families are allowed.
-ANY_ITEM = rb"(?:[A-Za-z0-9.+-]+|%b%b)" % (HEADER, ITEM)
+ANY_ITEM = rb"(?:[A-Za-z0-9.+-]+|%b%b|:?[A-Z0-9:]+ %b)" % (HEADER, ITEM, ITEM)
 
 
 class Caller:

@@ -33,7 +33,7 @@ LONGEST_LABEL = 32
 """Characters; assumed."""
 DIVISIONS_S = 10
 BANDWIDTH_HZ = 5e8
-MOST_RATE_HZ = 3.125e9
+LEAST_RATE_HZ, MOST_RATE_HZ = 1.0, 3.125e9
 _SOURCES = Choices("CH1", "CH2", "CH3", "CH4", "AUXiliary", "LINE")
 _NO_EVENT = '0,"No events to report; queue empty"'
 _STATES = Choices("ARMed", "AUTO", "READy", "SAVe", "TRIGger")
@@ -46,8 +46,8 @@ _SETTINGS = (
     Number("CH#:OFFSet", "offset_v", VOLT, -100.0, 100.0, 0.0),
     Number("CH#:SCAle", "scale_v", VOLT, 5e-4, 10.0, 0.1),
     Word("HORizontal:MODe", "horizontal", Choices("AUTO", "MANual")),
-    Number("HORizontal:MODe:SAMPLERate", "rate_hz", HERTZ, 1.0, MOST_RATE_HZ, MOST_RATE_HZ),
-    Number("HORizontal:SAMPLERate", "rate_hz", HERTZ, 1.0, MOST_RATE_HZ, MOST_RATE_HZ),
+    Number("HORizontal:MODe:SAMPLERate", "rate_hz", HERTZ, LEAST_RATE_HZ, MOST_RATE_HZ, MOST_RATE_HZ),
+    Number("HORizontal:SAMPLERate", "rate_hz", HERTZ, LEAST_RATE_HZ, MOST_RATE_HZ, MOST_RATE_HZ),
     Number("HORizontal:MODe:RECOrdlength", "points", None, 1000.0, 10e6, 10000.0, step=1.0),
     Number("HORizontal:RECOrdlength", "points", None, 1000.0, 10e6, 10000.0, step=1.0),
     Switch("HORizontal:DELay:MODe", "is_delayed"),
@@ -114,7 +114,8 @@ class TektronixScope(ScopeDevice):
 
     @scale_s.setter
     def scale_s(self, scale_s: float) -> None:
-        self.rate_hz = min(self.points / (DIVISIONS_S * scale_s), MOST_RATE_HZ)
+        rate_hz = self.points / (DIVISIONS_S * scale_s)
+        self.rate_hz = min(max(rate_hz, LEAST_RATE_HZ), MOST_RATE_HZ)
 
     def reset(self) -> None:
         """Bring all settings to their defaults and stop."""
