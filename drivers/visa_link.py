@@ -101,8 +101,7 @@ class VisaLink:
         else:
             return True
         # PyVISA-py speaks the locks of HiSLIP, but not by VISA's verb.
-        session = getattr(self._manager.visalib, "sessions", {}).get(resource.session)
-        request = getattr(getattr(session, "interface", None), "async_lock_request", None)
+        request = getattr(self._interface_of(resource), "async_lock_request", None)
         if request is None:
             return True
         try:
@@ -213,9 +212,13 @@ class VisaLink:
 
     def _line_of(self, resource: Any) -> socket.socket | None:
         """Return the socket of a session of pyvisa-py, whose attributes do not reach it."""
-        session = getattr(self._manager.visalib, "sessions", {}).get(resource.session)
-        line = getattr(session, "interface", None)
+        line = self._interface_of(resource)
         return line if isinstance(line, socket.socket) else None
+
+    def _interface_of(self, resource: Any) -> Any:
+        """Return what a session of pyvisa-py speaks through; None of other libraries."""
+        session = getattr(self._manager.visalib, "sessions", {}).get(resource.session)
+        return getattr(session, "interface", None)
 
     def _hung_up(self) -> bool:
         """Whether the other end closed a socket of pyvisa-py, which waits for it all the same."""

@@ -74,6 +74,16 @@ def is_legal(answer: bytes, identity: bytes, item: bytes = ITEM) -> bool:
     return bool(re.fullmatch(rb"(?:%b;)*(?:%b|%b)\n" % (unit, unit, last), answer))
 
 
+def check_answers_on(device: ScpiDevice, identity: bytes, data: bytes) -> None:
+    """Assert that a device still says who it is, and has a lawful error, after it was sent some data."""
+    device.write(b"*IDN?\n")
+    assert device.read() == identity + b"\n", data
+    device.write(b"SYST:ERR?\n")
+    error = device.read()
+    assert error is not None
+    assert re.fullmatch(rb'[+-]?\d+,"[ !#-~]*"\n', error)
+
+
 def lines_of(device: ScpiDevice, draw: random.Random) -> list[bytes]:
     """Return a command and a question for each header that a device has, with parameters of all kinds."""
     lines = []

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import random
-import re
 
 import numpy as np
 import pytest
-from damaged_messages import HEADER, ITEM, is_legal, lines_of, mutated, some_bytes
+from damaged_messages import HEADER, ITEM, check_answers_on, is_legal, lines_of, mutated, some_bytes
 from kept_memory import Kept
 from message_counts import counts
 
@@ -170,12 +169,7 @@ def scope_fuzzed(driver: str, count: int, seed: str) -> None:
             if driver == "siglent-sds" and answer.endswith(b"\n\n"):
                 answer = answer[:-1]  # its waveforms have a line feed too many
             assert is_legal(answer, identity, item), (data, answer[:200], answer[-50:])
-        device.write(b"*IDN?\n")
-        assert device.read() == identity + b"\n", data
-        device.write(b"SYST:ERR?\n")
-        error = device.read()
-        assert error is not None
-        assert re.fullmatch(rb'[+-]?\d+,"[ !#-~]*"\n', error)
+        check_answers_on(device, identity, data)
         kept.look(number)
     # and the damage was no idle one, and the device keeps little of it beside one record
     assert port.records > count // 100

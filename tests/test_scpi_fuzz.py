@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from damaged_messages import is_legal, lines_of, mutated, some_bytes
+from damaged_messages import check_answers_on, is_legal, lines_of, mutated, some_bytes
 from kept_memory import Kept
 from message_counts import counts
 
@@ -129,12 +129,7 @@ def test_no_damaged_message_escapes_or_stops_the_device(family: str, count: int)
         # then nothing is raised, each answer is legal, and the device still says who it is
         while (answer := device.read()) is not None:
             assert is_legal(answer, identity), (data, answer)
-        device.write(b"*IDN?\n")
-        assert device.read() == identity + b"\n", data
-        device.write(b"SYST:ERR?\n")
-        error = device.read()
-        assert error is not None
-        assert re.fullmatch(rb'[+-]?\d+,"[ !#-~]*"\n', error)
+        check_answers_on(device, identity, data)
         kept.look(number)
     # and the damage was no idle one, and the device keeps little of it: short waveforms, cached forms
     assert port.changes > count // 200
