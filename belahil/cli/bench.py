@@ -13,6 +13,16 @@ from belahil.cli.signals import closing
 if TYPE_CHECKING:
     from belahil.config import BenchConfig
 
+_WHERE = "FILE|emulated|simulated|replay:FILE"
+_FILE = click.argument("file", required=False, metavar=f"[{_WHERE}]")
+_BENCH = click.option("--bench", metavar=_WHERE, help="The same as FILE.")
+_SEED = click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Seed of the emulation, in place of [emulation] seed.",
+)
+
 
 @click.group("bench", short_help="Write, show or try out a bench.")
 @version_option
@@ -50,8 +60,8 @@ def new(file: Path, search: bool | None, probe: bool, defaults: bool, **given: A
 
 
 @command.command("show", short_help="List drivers, receivers and links, or say what a bench is.")
-@click.argument("file", required=False, metavar="[FILE|emulated|simulated|replay:FILE]")
-@click.option("--bench", metavar="FILE|emulated|simulated|replay:FILE", help="The same as FILE.")
+@_FILE
+@_BENCH
 def show(file: str | None, bench: str | None) -> int:
     """List drivers, models with their limits, receivers and links; with FILE, say what that bench is."""
     from belahil.cli.bench_shown import catalogue, described
@@ -63,16 +73,11 @@ def show(file: str | None, bench: str | None) -> int:
 
 
 @command.command("check", short_help="Do the instruments answer, do sine and pulse come back?")
-@click.argument("file", required=False, metavar="[FILE|emulated|simulated|replay:FILE]")
-@click.option("--bench", metavar="FILE|emulated|simulated|replay:FILE", help="The same as FILE.")
+@_FILE
+@_BENCH
 @click.option("--address", help="Generator, in place of the bench file's.")
 @click.option("--link", help="Digitizer, in place of the bench file's.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Seed of the emulation, in place of [emulation] seed.",
-)
+@_SEED
 @click.option(
     "--receiver",
     type=click.Path(path_type=Path),
@@ -126,14 +131,9 @@ def check(
 
 
 @command.command("conform", short_help="Do both drivers keep what their protocols promise?")
-@click.argument("file", required=False, metavar="[FILE|emulated|simulated|replay:FILE]")
-@click.option("--bench", metavar="FILE|emulated|simulated|replay:FILE", help="The same as FILE.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Seed of the emulation, in place of [emulation] seed.",
-)
+@_FILE
+@_BENCH
+@_SEED
 @click.option(
     "--record",
     type=click.Path(path_type=Path),
